@@ -1,0 +1,39 @@
+"""Angles live on a circle: wrap them, subtract them, average them.
+
+Which components are angles is declared once, on the system and on the sensor, as a boolean mask.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .linalg import Array
+
+
+def wrap(angle: Array | float) -> Array:
+    """The same angle in [-π, π]; values already inside come back to the last bit.
+
+    >>> round(float(wrap(3 * np.pi / 2)), 6)
+    -1.570796
+    """
+    angle = np.asarray(angle, dtype=float)
+    return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
+
+
+def residual(a: Array, b: Array, is_angle: Array) -> Array:
+    """a − b (..., n), wrapped to [-π, π] where ``is_angle`` (n,) says so."""
+    difference = np.asarray(a, dtype=float) - np.asarray(b, dtype=float)
+    if not np.any(is_angle):
+        return difference
+    return np.where(is_angle, wrap(difference), difference)
+
+
+def mean(points: Array, weights: Array, is_angle: Array) -> Array:
+    """Weighted mean of points (..., k, n), taken about the first of them.
+
+    The weights (k,) sum to one, so Σ wᵢ xᵢ = x₀ + Σ wᵢ (xᵢ − x₀): the same number on the line, and the
+    right one on the circle, where the differences are wrapped. (An atan2 of averaged sines and cosines
+    jumps by π when the points spread over more than half a turn or a weight is negative.)
+    """
+    centre = points[..., :1, :]
+    return centre[..., 0, :] + np.einsum("k,...kn->...n", weights, residual(points, centre, is_angle))

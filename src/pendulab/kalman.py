@@ -1,0 +1,147 @@
+"""The linear Kalman filter, and what every filter here shares: the `Update` it returns.
+
+Missing components (NaN in z) are skipped: their rows leave the innovation, the gain and the likelihood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .gaussian import Gaussian, as_matrix
+from .linalg import Array, FilterDiverged, T, cholesky, matvec, solve_gain, solve_lower, symmetrised
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Update:
+    """What a measurement did to a belief.
+
+    posterior : Gaussian, the corrected belief
+    innovation : y (..., m), NaN where the measurement is missing
+    innovation_cov : S (..., m, m), of all components, missing or not
+    gain : K (..., n, m), zero columns for missing components
+    log_likelihood : (...,) ln p(z | earlier measurements), of the observed components
+    nis : (...,) normalised innovation squared yᵀ S⁻¹ y, χ² with as many degrees of freedom as were observed
+    """
+
+    posterior: Gaussian
+    innovation: Array
+    innovation_cov: Array
+    gain: Array
+    log_likelihood: Array
+    nis: Array
+
+
+def predict(belief: Gaussian, model, Q: Array, u: Array | None = None) -> Gaussian:
+    """Move a belief through a linear model: x' = F x + G u, P' = F P Fᵀ + Q.
+
+    Book: eq-ekf-predict-mean and eq-ekf-predict-cov, with a constant F.
+
+    Parameters
+    ----------
+    belief : Gaussian, mean (..., n), cov (..., n, n)
+    model : with ``is_linear`` true (`LinearModel`)
+    Q : scalar, (n,), (n, n) or (..., n, n), covariance added in this step
+    u : (..., m) input
+
+    Raises
+    ------
+    TypeError : the model is not linear
+    """
+    _refuse_nonlinear(model)
+    x, P = belief
+    F = model.jacobian(x, u)
+    return Gaussian.trusted(model.step(x, u), symmetrised(F @ P @ T(F) + as_matrix("Q", Q, belief.n)))
+
+
+def update(belief: Gaussian, z: Array, sensor) -> Update:
+    """Condition a belief on a linear measurement, covariance in Joseph's form.
+
+    Book: eq-ekf-innovation to eq-joseph, with a constant H.
+
+    Parameters
+    ----------
+    belief : Gaussian, mean (..., n), cov (..., n, n)
+    z : (..., m) measurement in the sensor's units; NaN marks a missing component
+    sensor : with ``is_linear`` true
+
+    Raises
+    ------
+    TypeError : the sensor is not linear
+    FilterDiverged : the innovation covariance is not positive definite, or the state is no longer finite
+    """
+    _refuse_nonlinear(sensor)
+    x = belief.mean
+    y = sensor.residual(z, sensor.h(x))
+    return linear_update(belief, y, sensor.jacobian(x), sensor.R, observed(z))
+
+
+def linear_update(belief: Gaussian, y: Array, H: Array, R: Array, seen: Array) -> Update:
+    """Condition a belief on an innovation y (..., m) whose sensor has Jacobian H (..., m, n).
+
+    ``seen`` (..., m) is 1 where the component was measured, 0 where it is missing. The
+    covariance (I − K H) P (I − K H)ᵀ + K R Kᵀ stays symmetric and positive for any gain;
+    (I − K H) P does not.
+    """
+    x, P = belief
+    S = symmetrised(H @ P @ T(H) + R)
+    innovation, factor = _without_missing(y, S, seen)
+    K = solve_gain(factor, P @ T(H) * seen[..., None, :])
+    I_KH = np.eye(x.shape[-1]) - K @ H
+    corrected = symmetrised(I_KH @ P @ T(I_KH) + K @ R @ T(K))
+    posterior = Gaussian.trusted(x + matvec(K, innovation), corrected)
+    return _finish(posterior, y, S, K, innovation, factor, seen)
+
+
+def moment_update(belief: Gaussian, y: Array, S: Array, C: Array, seen: Array) -> Update:
+    """Condition a belief on an innovation with covariance S (..., m, m) and cross covariance C (..., n, m).
+
+    For filters that never form H: P⁺ = P − K S Kᵀ.
+    """
+    x, P = belief
+    innovation, factor = _without_missing(y, S, seen)
+    C = C * seen[..., None, :]
+    K = solve_gain(factor, C)
+    posterior = Gaussian.trusted(x + matvec(K, innovation), symmetrised(P - K @ T(C)))
+    return _finish(posterior, y, S, K, innovation, factor, seen)
+
+
+def observed(z: Array) -> Array:
+    """1.0 where a component was measured, 0.0 where it is missing. Asked of z, not of the
+    innovation: that is NaN as well when the state has left the numbers, and a filter must not take
+    its own failure for a missing value.
+    """
+    return 1.0 - np.isnan(z)
+
+
+def _without_missing(y: Array, S: Array, seen: Array) -> tuple[Array, Array]:
+    """Innovation and Cholesky factor as if the missing components had never been asked for.
+
+    A missing component gets innovation 0 and, in S, a row and a column of the identity: it then
+    adds nothing to NIS, determinant or gain, and every run of a batch may miss another one.
+    """
+    lost = ~np.isfinite(y) & (seen > 0)
+    if lost.any():
+        raise FilterDiverged("predicted measurement", run=tuple(int(i) for i in np.argwhere(lost)[0][:-1]))
+    if seen.all():
+        return y, cholesky(S, "innovation covariance")
+    keep = seen[..., :, None] * seen[..., None, :]
+    m = y.shape[-1]
+    S = np.where(keep > 0, S, np.eye(m))
+    return np.where(seen > 0, y, 0.0), cholesky(S, "innovation covariance")
+
+
+def _finish(posterior, y, S, K, innovation, factor, seen) -> Update:
+    white = solve_lower(factor, innovation[..., None])[..., 0]
+    nis = np.sum(white**2, axis=-1)
+    log_det = 2 * np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
+    log_likelihood = -0.5 * (nis + log_det + np.sum(seen, axis=-1) * np.log(2 * np.pi))
+    return Update(posterior, y, S, K, log_likelihood, nis)
+
+
+def _refuse_nonlinear(thing) -> None:
+    if not thing.is_linear:
+        raise TypeError(
+            f"the Kalman filter needs a linear model and sensor, got a {type(thing).__name__}; use ekf or ukf"
+        )

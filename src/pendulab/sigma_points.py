@@ -1,0 +1,71 @@
+"""Sigma points: a few states that carry a mean and a covariance exactly.
+
+A point set is a rule for every dimension n: offsets (k, n) in units of the Cholesky factor's columns, and two
+rows of weights (k,), for means and for covariances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .gaussian import Gaussian
+from .linalg import Array, T, cholesky
+
+
+@dataclass(frozen=True)
+class PointSet:
+    """A rule that turns a dimension n into (offsets (k, n), mean weights (k,), covariance weights (k,))."""
+
+    name: str
+    rule: Callable[[int], tuple[Array, Array, Array]]
+
+    def weights(self, n: int) -> tuple[Array, Array]:
+        """Mean weights and covariance weights, each (k,), for n states."""
+        return self.rule(n)[1:]
+
+    def points(self, belief: Gaussian) -> Array:
+        """The points (..., k, n) of a belief, the centre first.
+
+        Raises
+        ------
+        FilterDiverged : the belief's covariance is not positive definite
+        """
+        x, P = belief
+        offsets = self.rule(x.shape[-1])[0]
+        return x[..., None, :] + offsets @ T(cholesky(P, "state covariance"))
+
+
+def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> PointSet:
+    """The scaled set of 2n + 1 points (van der Merwe 2004, table 3.2).
+
+    λ = α²(n + κ) − n; offsets ±√(n + λ) along each column of the factor; Wm₀ = λ/(n + λ),
+    Wc₀ = Wm₀ + 1 − α² + β, all others 1/(2(n + λ)). The covariance weights sum to 2 − α² + β, not to 1.
+
+    Parameters
+    ----------
+    alpha : spread of the points, positive
+    beta : knowledge of the distribution's tails; 2 for a Gaussian
+    kappa : secondary spread; n + kappa must be positive
+
+    Raises
+    ------
+    ValueError : alpha or n + kappa is not positive
+    """
+    if not alpha > 0:
+        raise ValueError(f"alpha: expected a positive spread, got {alpha!r}")
+
+    def rule(n: int) -> tuple[Array, Array, Array]:
+        if not n + kappa > 0:
+            raise ValueError(f"kappa: n + kappa must be positive, got {n} + {kappa:g}")
+        spread = alpha**2 * (n + kappa)  # n + λ
+        offsets = np.sqrt(spread) * np.vstack([np.zeros(n), np.eye(n), -np.eye(n)])
+        wm = np.full(2 * n + 1, 0.5 / spread)
+        wc = wm.copy()
+        wm[0] = 1 - n / spread
+        wc[0] = wm[0] + 1 - alpha**2 + beta
+        return offsets, wm, wc
+
+    return PointSet(f"scaled(alpha={alpha:g}, beta={beta:g}, kappa={kappa:g})", rule)

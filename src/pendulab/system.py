@@ -1,0 +1,276 @@
+"""A system: continuous-time physics as symbols for the page and as fast functions for the filter."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import codegen
+from .linalg import Array
+
+if TYPE_CHECKING:
+    import sympy as sp
+
+    from .lagrange import EquationsOfMotion
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """The symbolic side: ẋ = flow(states, inputs, parameters), and where it came from."""
+
+    states: tuple[sp.Symbol, ...]
+    inputs: tuple[sp.Symbol, ...]
+    parameters: tuple[sp.Symbol, ...]
+    flow: sp.Matrix
+    mechanics: EquationsOfMotion | None = None
+
+    def source(self) -> str:
+        """Generated code of the flow, its Jacobians and, for a mechanical system, its energy."""
+        import sympy as sp
+
+        x, u = sp.Matrix(self.states), sp.Matrix(self.inputs)
+        outputs = {"f": list(self.flow), "jacobian_x": list(self.flow.jacobian(x))}
+        outputs["jacobian_u"] = list(self.flow.jacobian(u)) if self.inputs else []
+        outputs["energy"] = [self.mechanics.energy] if self.mechanics else []
+        arguments = (self.states, self.inputs, self.parameters)
+        return "\n\n".join(codegen.write_function(name, e, *arguments) for name, e in outputs.items())
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A named number with its unit and the range in which the physics makes sense."""
+
+    name: str
+    unit: str
+    low: float = -np.inf
+    high: float = np.inf
+    is_angle: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Continuous-time physics ẋ = f(x, u) with named states, inputs and parameters.
+
+    Build one with a function of `pendulab.systems`; change numbers with `with_parameters`. All functions
+    take leading axes (runs): x (..., n), u (..., m). A single state takes a fast scalar path.
+
+    Attributes
+    ----------
+    name : of the system
+    states, inputs, quantities : `Quantity` descriptions of the states, inputs and parameters
+    parameters : the numbers, by name; an array (...) gives every run its own
+    velocity_of : for mechanical systems, pairs (i, j): state j is the time derivative of state i
+    refuse : raises ValueError for parameters that are possible one by one, but not together
+    """
+
+    name: str
+    states: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    quantities: tuple[Quantity, ...]
+    parameters: Mapping[str, float | Array]
+    derive: Callable[[], Derivation] = field(repr=False)
+    sources: tuple[Path, ...] = field(repr=False)
+    velocity_of: tuple[tuple[int, int], ...] = ()
+    refuse: Callable[[Mapping[str, float | Array]], None] = field(default=lambda parameters: None, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", dict(self.parameters))
+        for quantity in self.quantities:
+            _refuse_parameter_outside_range(self.name, quantity, self.parameters[quantity.name])
+        self.refuse(self.parameters)
+
+    # ---- names -------------------------------------------------------------------------------------
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        return tuple(s.name for s in self.states)
+
+    @property
+    def state_units(self) -> tuple[str, ...]:
+        return tuple(s.unit for s in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(s.name for s in self.inputs)
+
+    @functools.cached_property
+    def is_angle(self) -> Array:
+        """Boolean mask (n,): which states are angles."""
+        return np.array([s.is_angle for s in self.states], dtype=bool)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Number of inputs."""
+        return len(self.inputs)
+
+    def index(self, state: str) -> int:
+        """Position of a state by name.
+
+        Raises
+        ------
+        KeyError : unknown name; the message gives the nearest known one
+        """
+        if state not in self.state_names:
+            raise KeyError(unknown_name("state", state, self.state_names, self.name))
+        return self.state_names.index(state)
+
+    def with_parameters(self, **changes: float | Array) -> System:
+        """The same physics with other numbers.
+
+        >>> from pendulab import systems
+        >>> systems.double_pendulum().with_parameters(l1=0.5).parameters["l1"]
+        0.5
+        """
+        for name in changes:
+            if name not in self.parameters:
+                raise KeyError(unknown_name("parameter", name, tuple(self.parameters), self.name))
+        return replace(self, parameters={**self.parameters, **changes})
+
+    # ---- symbols, for the page ---------------------------------------------------------------------
+
+    @functools.cached_property
+    def derivation(self) -> Derivation:
+        """The SymPy derivation (runs it once in a process)."""
+        return _derived(self.derive)
+
+    @property
+    def lagrangian(self) -> sp.Expr:
+        """T − V as a SymPy expression."""
+        return self._mechanics.lagrangian
+
+    @property
+    def equations(self) -> list[sp.Eq]:
+        """The accelerations, solved for, as SymPy equations."""
+        import sympy as sp
+
+        velocities = self._mechanics.velocities
+        rates = [sp.Symbol(rf"\dot{{{sp.latex(v)}}}") for v in velocities]
+        return [sp.Eq(rate, a) for rate, a in zip(rates, self._mechanics.accelerations, strict=True)]
+
+    @property
+    def _mechanics(self) -> EquationsOfMotion:
+        if self.derivation.mechanics is None:
+            raise AttributeError(f"{self.name} is not derived from a Lagrangian")
+        return self.derivation.mechanics
+
+    # ---- numbers, for the filter -------------------------------------------------------------------
+
+    @functools.cached_property
+    def _code(self) -> codegen.Generated:
+        counts = (self.n, self.m, len(self.quantities))
+        return _compiled(self.name, self.derive, self.sources, counts)
+
+    @functools.cached_property
+    def _values(self) -> tuple[float | Array, ...]:
+        values = (np.asarray(self.parameters[q.name], dtype=float) for q in self.quantities)
+        return tuple(float(v) if v.ndim == 0 else v for v in values)
+
+    @functools.cached_property
+    def runs(self) -> tuple[int, ...]:
+        """Shape of the leading axes that the parameters bring; () when every run shares them."""
+        return np.broadcast_shapes(*(np.shape(v) for v in self._values))
+
+    def f(self, x: Array, u: Array | None = None) -> Array:
+        """Time derivative ẋ (..., n) in state units per second, at x (..., n) and u (..., m) (None: zero)."""
+        return self._evaluate("f", (self.n,), x, u)
+
+    def jacobian_x(self, x: Array, u: Array | None = None) -> Array:
+        """∂f/∂x (..., n, n): entry [i, j] is the rate of state i per unit of state j."""
+        return self._evaluate("jacobian_x", (self.n, self.n), x, u)
+
+    def jacobian_u(self, x: Array, u: Array | None = None) -> Array:
+        """∂f/∂u (..., n, m)."""
+        return self._evaluate("jacobian_u", (self.n, self.m), x, u)
+
+    def energy(self, x: Array) -> Array:
+        """Total mechanical energy (...,) in joules (or in the Lagrangian's own unit)."""
+        if not self.velocity_of:
+            raise AttributeError(f"{self.name} has no mechanical energy")
+        return self._evaluate("energy", (), x, None)
+
+    def _evaluate(self, what: str, shape: tuple[int, ...], x: Array, u: Array | None) -> Array:
+        x = np.asarray(x)
+        x = x if x.dtype.kind in "fc" else x.astype(float)
+        if x.shape[-1:] != (self.n,):
+            raise ValueError(
+                f"x: {self.name} expects states of shape (..., {self.n}) = {self.state_names}, got {x.shape}"
+            )
+        u = self._checked_input(u)
+        if x.ndim == 1 and (u is None or u.ndim == 1) and not self.runs and x.dtype != complex:
+            inputs = (0.0,) * self.m if u is None else u.tolist()
+            try:
+                return np.array(
+                    self._code.scalar[what](x.tolist(), inputs, self._values), dtype=float
+                ).reshape(shape)
+            except (ArithmeticError, ValueError):
+                pass  # `math` raises where arrays give infinity or NaN, which the filter then reports
+        return self._evaluate_many(what, shape, x, u)
+
+    def _evaluate_many(self, what: str, shape: tuple[int, ...], x: Array, u: Array | None) -> Array:
+        inputs = (0.0,) * self.m if u is None else np.moveaxis(u, -1, 0)
+        axes = max(x.ndim - 1, 0 if u is None else u.ndim - 1, len(self.runs))
+        # Parameters belong to the first axes, the runs; sigma points, say, may follow.
+        values = [v if np.ndim(v) == 0 else v.reshape(v.shape + (1,) * (axes - v.ndim)) for v in self._values]
+        entries = self._code.array[what](np.moveaxis(x, -1, 0), inputs, values)
+        lead = np.broadcast_shapes(x.shape[:-1], *(np.shape(a) for a in (*inputs, *values)))
+        out = np.empty((*lead, len(entries)), dtype=np.result_type(x.dtype, float))
+        for i, entry in enumerate(
+            entries
+        ):  # constant entries come back as plain numbers: assignment spreads them
+            out[..., i] = entry
+        return out.reshape((*lead, *shape))
+
+    def _checked_input(self, u: Array | None) -> Array | None:
+        if u is None:
+            return None
+        u = np.asarray(u, dtype=float)
+        if u.shape[-1:] != (self.m,):
+            raise ValueError(
+                f"u: {self.name} expects inputs of shape (..., {self.m}) = {self.input_names}, got {u.shape}"
+            )
+        return u
+
+
+def unknown_name(kind: str, name: str, known: Sequence[str], owner: str) -> str:
+    """A sentence that refuses an unknown name and offers the nearest known one."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+    hint = f"; did you mean {near[0]!r}?" if near else "."
+    return f"{owner} has no {kind} {name!r}{hint} Known: {', '.join(known)}"
+
+
+def _refuse_parameter_outside_range(owner: str, quantity: Quantity, value: float | Array) -> None:
+    number = np.asarray(value)
+    if number.dtype.kind not in "iuf":
+        raise ValueError(f"{quantity.name}: {owner} expects a number in {quantity.unit}, got {value!r}")
+    outside = ~(np.isfinite(number) & (number >= quantity.low) & (number <= quantity.high))
+    if outside.any():
+        raise ValueError(
+            f"{quantity.name}: {owner} expects finite numbers in [{quantity.low:g}, {quantity.high:g}] "
+            f"{quantity.unit}, got {number[outside].flat[0]:g}"
+        )
+
+
+@functools.cache
+def _derived(derive: Callable[[], Derivation]) -> Derivation:
+    return derive()
+
+
+@functools.cache
+def _compiled(
+    name: str, derive: Callable[[], Derivation], sources: tuple[Path, ...], counts: tuple[int, ...]
+):
+    from . import lagrange
+
+    sources = (*sources, Path(__file__), Path(lagrange.__file__))
+    return codegen.load(name, sources, lambda: _derived(derive).source(), counts)

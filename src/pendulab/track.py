@@ -1,0 +1,141 @@
+"""The one loop over measurements: predict, update, keep everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import ekf
+from .gaussian import Gaussian, common_axes, covariance
+from .linalg import Array, FilterDiverged
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The result of `track`. Entry k belongs to measurement k; leading axes are runs.
+
+    mean (..., steps, n), cov (..., steps, n, n) : beliefs after the measurement
+    predicted_mean, predicted_cov : beliefs just before it
+    innovation (..., steps, m), innovation_cov (..., steps, m, m)
+    nis, log_likelihood : (..., steps)
+    observed : (..., steps) number of measured components, the degrees of freedom of nis
+    """
+
+    mean: Array
+    cov: Array
+    predicted_mean: Array
+    predicted_cov: Array
+    innovation: Array
+    innovation_cov: Array
+    nis: Array
+    log_likelihood: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (..., steps, n) after the measurement."""
+        return np.sqrt(np.diagonal(self.cov, axis1=-2, axis2=-1))
+
+    @property
+    def observed(self) -> Array:
+        return np.sum(~np.isnan(self.innovation), axis=-1)
+
+    @property
+    def steps(self) -> int:
+        return self.mean.shape[-2]
+
+    def belief(self, k: int) -> Gaussian:
+        """The belief after measurement k."""
+        return Gaussian.trusted(self.mean[..., k, :], self.cov[..., k, :, :])
+
+
+def track(
+    prior: Gaussian,
+    model,
+    sensor,
+    z: Array,
+    Q: Array | float,
+    us: Array | None = None,
+    method=ekf,
+    **options,
+) -> Track:
+    """Filter a sequence of measurements.
+
+    The prior is the belief at time 0, before anything was measured. Measurement k is taken at time
+    (k + 1)·dt: each step predicts over dt, then updates.
+
+    Parameters
+    ----------
+    prior : Gaussian, mean (..., n); without leading axes it is shared by all runs
+    model, sensor : a `Model` and a sensor of the same system
+    z : (..., steps, m) in the sensor's units; NaN marks a missing component
+    Q : covariance added in one step: scalar, (n,), (n, n) or (..., n, n) with one for each run
+    us : (..., steps, model.m) inputs, held over each step
+    method : a module or object with ``predict`` and ``update``: `ekf`, `ukf`, `kalman`
+    options : handed to both, such as ``points=sigma_points.scaled(alpha=0.5)`` for the `ukf`
+
+    Raises
+    ------
+    ValueError : a shape does not fit, or Q is no covariance; the message gives the expected shape
+    FilterDiverged : a covariance lost its positive definiteness; the message gives step, run and eigenvalue
+    """
+    z, us, Q = _checked(prior, model, sensor, z, Q, us)
+    lead, steps = _runs(prior, model, sensor, z, Q, us), z.shape[-2]
+    n, m = model.n, sensor.m
+    out = Track(
+        *(np.empty((*lead, steps, *shape)) for shape in ((n,), (n, n), (n,), (n, n), (m,), (m, m), (), ()))
+    )
+    belief = prior.over(lead)
+    for k in range(steps):
+        try:
+            predicted = method.predict(belief, model, Q, None if us is None else us[..., k, :], **options)
+            update = method.update(predicted, z[..., k, :], sensor, **options)
+        except FilterDiverged as failure:
+            raise failure.at_step(k) from None
+        _store(out, k, predicted, update)
+        belief = update.posterior
+    return out
+
+
+def _store(out: Track, k: int, predicted: Gaussian, update) -> None:
+    out.predicted_mean[..., k, :], out.predicted_cov[..., k, :, :] = predicted
+    out.mean[..., k, :], out.cov[..., k, :, :] = update.posterior
+    out.innovation[..., k, :], out.innovation_cov[..., k, :, :] = update.innovation, update.innovation_cov
+    out.nis[..., k], out.log_likelihood[..., k] = update.nis, update.log_likelihood
+
+
+def _runs(prior, model, sensor, z, Q, us) -> tuple[int, ...]:
+    return common_axes(
+        prior=prior.mean.shape[:-1],
+        z=z.shape[:-2],
+        us=() if us is None else us.shape[:-2],
+        Q=Q.shape[:-2],
+        R=sensor.R.shape[:-2],
+        parameters=model.runs,
+    )
+
+
+def _checked(prior, model, sensor, z, Q, us):
+    """Refuse at the door what would fail, or worse would not fail, deep inside."""
+    n, m = model.n, sensor.m
+    if prior.n != n:
+        raise ValueError(
+            f"prior: the model has {n} states {model.state_names}, the prior's mean has {prior.n}"
+        )
+    if sensor.n != n:
+        raise ValueError(f"sensor: it looks at {sensor.n} states, the model has {n}")
+    z = np.asarray(z, dtype=float)
+    if z.ndim < 2 or z.shape[-1] != m or not z.shape[-2]:
+        raise ValueError(
+            f"z: expected measurements of shape (..., steps, {m}) for {sensor.names} in {sensor.units}, "
+            f"got shape {z.shape}"
+        )
+    if np.isinf(z).any():
+        raise ValueError("z: found infinite values; mark a missing component with NaN")
+    if us is not None:
+        us = np.asarray(us, dtype=float)
+        if us.shape[-2:] != (z.shape[-2], model.m):
+            raise ValueError(f"us: expected inputs of shape (..., {z.shape[-2]}, {model.m}), got {us.shape}")
+        if not np.isfinite(us).all():
+            raise ValueError(f"us: expected finite inputs, got NaN or infinity in shape {us.shape}")
+    return z, us, covariance("Q", Q, n)
