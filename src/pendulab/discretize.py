@@ -101,8 +101,8 @@ class Model:
         def rate(s: Array) -> Array:
             x = s[..., 0]
             out = np.empty_like(s)
-            out[..., 0] = self.system.f(x, u)
-            out[..., 1:] = self.system.jacobian_x(x, u) @ s[..., 1:]
+            out[..., 0], A = self.system.linearised(x, u)
+            np.matmul(A, s[..., 1:], out=out[..., 1:])
             if du is not None:
                 out[..., 1:] += self.system.jacobian_u(x, u) @ du
             return out

@@ -11,9 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
-from .linalg import Array, T, cholesky, solve_lower, symmetrised
+from .linalg import Array, cholesky, solve_factored, symmetrised
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +65,8 @@ def maximum_likelihood(
     RuntimeError : no maximum was found; the message is the optimiser's
     FilterDiverged : the log-likelihood is not concave where the search stopped
     """
+    from scipy.optimize import minimize  # slow to import, and only this function needs it
+
     start, lower, upper = (np.asarray(v, dtype=float) for v in (start, lower, upper))
     if not (start.shape == lower.shape == upper.shape and np.all((lower <= start) & (start <= upper))):
         raise ValueError(f"start: expected a point within the bounds, got {start} for [{lower}, {upper}]")
@@ -119,5 +120,5 @@ def _inverse_information(log_likelihood, x: Array, free: Array, step: float) -> 
     information = -(values @ np.array([1, -1, -1, 1])) / (4 * step**2)
     factor = cholesky(symmetrised(information), "observed information")
     cov = np.zeros((len(x), len(x)))
-    cov[np.ix_(index, index)] = np.linalg.solve(T(factor), solve_lower(factor, np.eye(d)))
+    cov[np.ix_(index, index)] = solve_factored(factor, np.eye(d))
     return cov

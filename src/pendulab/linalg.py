@@ -7,6 +7,7 @@ should be a covariance and is not raises `FilterDiverged`.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import lapack
 
 Array = np.ndarray
 
@@ -62,32 +63,39 @@ def matvec(A: Array, x: Array) -> Array:
 
 
 def cholesky(P: Array, what: str) -> Array:
-    """Lower factor L with L Lᵀ = P.
+    """Lower factor L (..., n, n) with L Lᵀ = P.
+
+    One matrix goes to LAPACK. A stack is factored in a loop over n that works on all runs at once, which is
+    several times faster than one LAPACK call a matrix.
 
     Raises
     ------
     FilterDiverged : P is not positive definite; the message names the matrix, the run and the eigenvalue
     """
-    try:
-        L = np.linalg.cholesky(P)
-    except np.linalg.LinAlgError:
-        raise _diagnosis(P, what) from None
-    if not np.isfinite(L).all():  # LAPACK lets NaN through without a word
-        raise _diagnosis(P, what)
+    if P.ndim == 2:
+        L, failed = lapack.dpotrf(P, lower=1, clean=1)
+        if failed:
+            raise _diagnosis(P, (), what)
+        return L
+    n = P.shape[-1]
+    L = np.zeros(P.shape)
+    for j in range(n):
+        row = L[..., j, :j]
+        pivot = P[..., j, j] - np.einsum("...k,...k->...", row, row)
+        positive = pivot > 0  # NaN is not
+        if not positive.all():
+            raise _diagnosis(P, tuple(int(i) for i in np.argwhere(~positive)[0]), what)
+        L[..., j, j] = np.sqrt(pivot)
+        below = P[..., j + 1 :, j] - np.einsum("...ik,...k->...i", L[..., j + 1 :, :j], row)
+        L[..., j + 1 :, j] = below / L[..., j, j, None]
     return L
 
 
-def _diagnosis(P: Array, what: str) -> FilterDiverged:
-    """Find the first run whose matrix fails, and its smallest eigenvalue."""
-    for run in np.ndindex(P.shape[:-2]):
-        if not np.isfinite(P[run]).all():
-            return FilterDiverged(what, run)
-        smallest = float(np.linalg.eigvalsh(P[run])[0])
-        try:
-            np.linalg.cholesky(P[run])
-        except np.linalg.LinAlgError:
-            return FilterDiverged(what, run, smallest)
-    return FilterDiverged(what)
+def _diagnosis(P: Array, run: tuple[int, ...], what: str) -> FilterDiverged:
+    """The failure of one run's matrix, with its smallest eigenvalue."""
+    if not np.isfinite(P[run]).all():
+        return FilterDiverged(what, run)
+    return FilterDiverged(what, run, float(np.linalg.eigvalsh(P[run])[0]))
 
 
 def semidefinite_factor(P: Array) -> Array:
@@ -108,10 +116,27 @@ def semidefinite_factor(P: Array) -> Array:
 
 
 def solve_lower(L: Array, B: Array) -> Array:
-    """L⁻¹ B for stacks of lower-triangular L (..., n, n) and B (..., n, k)."""
-    return np.linalg.solve(L, B)
+    """L⁻¹ B for lower-triangular L (..., n, n) and B (..., n, k), by forward substitution."""
+    if L.ndim == B.ndim == 2:
+        return lapack.dtrtrs(L, B, lower=1)[0]
+    X = np.empty(np.broadcast_shapes(L.shape[:-2], B.shape[:-2]) + B.shape[-2:])
+    for j in range(L.shape[-1]):
+        known = np.einsum("...k,...kl->...l", L[..., j, :j], X[..., :j, :])
+        X[..., j, :] = (B[..., j, :] - known) / L[..., j, j, None]
+    return X
+
+
+def solve_factored(L: Array, B: Array) -> Array:
+    """(L Lᵀ)⁻¹ B for a Cholesky factor L (..., n, n) and B (..., n, k)."""
+    if L.ndim == B.ndim == 2:
+        return lapack.dpotrs(L, B, lower=1)[0]
+    X = solve_lower(L, B)
+    for j in reversed(range(L.shape[-1])):
+        known = np.einsum("...k,...kl->...l", L[..., j + 1 :, j], X[..., j + 1 :, :])
+        X[..., j, :] = (X[..., j, :] - known) / L[..., j, j, None]
+    return X
 
 
 def solve_gain(L: Array, C: Array) -> Array:
     """The gain K = C S⁻¹ from the Cholesky factor L of S: C (..., n, m), L (..., m, m)."""
-    return T(np.linalg.solve(T(L), solve_lower(L, T(C))))
+    return T(solve_factored(L, T(C)))

@@ -36,6 +36,9 @@ class Derivation:
 
         x, u = sp.Matrix(self.states), sp.Matrix(self.inputs)
         outputs = {"f": list(self.flow), "jacobian_x": list(self.flow.jacobian(x))}
+        # Both at once for the filters: sines, cosines and the mass matrix are shared, one row a state.
+        rows = zip(self.flow, self.flow.jacobian(x).tolist(), strict=True)
+        outputs["linearised"] = [entry for rate, row in rows for entry in (rate, *row)]
         outputs["jacobian_u"] = list(self.flow.jacobian(u)) if self.inputs else []
         outputs["energy"] = [self.mechanics.energy] if self.mechanics else []
         arguments = (self.states, self.inputs, self.parameters)
@@ -188,6 +191,11 @@ class System:
     def jacobian_x(self, x: Array, u: Array | None = None) -> Array:
         """∂f/∂x (..., n, n): entry [i, j] is the rate of state i per unit of state j."""
         return self._evaluate("jacobian_x", (self.n, self.n), x, u)
+
+    def linearised(self, x: Array, u: Array | None = None) -> tuple[Array, Array]:
+        """f (..., n) and ∂f/∂x (..., n, n) at once, for little more than the Jacobian alone."""
+        both = self._evaluate("linearised", (self.n, 1 + self.n), x, u)
+        return both[..., 0], both[..., 1:]
 
     def jacobian_u(self, x: Array, u: Array | None = None) -> Array:
         """∂f/∂u (..., n, m)."""

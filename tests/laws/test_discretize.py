@@ -36,7 +36,8 @@ def test_jacobian_is_the_derivative_of_the_step_itself(system, method):
     model = discretize(system, 0.05, method)
     columns = [model.step(x + 1e-30j * e, u).imag / 1e-30 for e in np.eye(system.n)]
     np.testing.assert_allclose(model.jacobian(x, u), np.stack(columns, axis=-1), rtol=1e-11, atol=1e-11)
-    np.testing.assert_array_equal(model.tangent(x, u).x, model.step(x, u))
+    # Not bit for bit: beside its Jacobian, f is computed from other common subexpressions.
+    np.testing.assert_allclose(model.tangent(x, u).x, model.step(x, u), rtol=1e-14, atol=1e-14)
 
 
 @each_method

@@ -216,7 +216,8 @@ def test_eq_white_acceleration():
 
 def test_eq_ekf_predict_mean():
     belief, Q, _ = belief_and_noise("predict")
-    np.testing.assert_array_equal(ekf.predict(belief, MODEL, Q).mean, MODEL.step(belief.mean))
+    predicted = ekf.predict(belief, MODEL, Q).mean
+    np.testing.assert_allclose(predicted, MODEL.step(belief.mean), rtol=1e-14, atol=1e-14)
 
 
 def test_eq_ekf_predict_cov():

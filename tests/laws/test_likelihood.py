@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pendulab import (
+    FilterDiverged,
     Gaussian,
     discretize,
     maximum_likelihood,
@@ -48,21 +49,28 @@ def test_standard_errors_know_of_correlations():
     np.testing.assert_allclose(fit.x, 0, atol=0.01)
 
 
-def test_bounds_are_respected_and_reported():
+@pytest.mark.parametrize("side", [1, -1], ids=["upper", "lower"])
+def test_bounds_are_respected_and_reported(side):
     tried = []
 
     def log_likelihood(p):
         tried.append(p)
-        return -np.sum((p - [2.0, -1.0]) ** 2, axis=1)
+        return -np.sum((p - [2.0 * side, -1.0]) ** 2, axis=1)
 
-    fit = maximum_likelihood(log_likelihood, [0.0, 0.0], [-1.0, -5.0], [1.0, 5.0])
-    np.testing.assert_allclose(fit.x, [1.0, -1.0], atol=1e-3)
+    lower, upper = np.array([-1.0, -5.0]), np.array([1.0, 5.0])
+    fit = maximum_likelihood(log_likelihood, [0.0, 0.0], lower, upper)
+    np.testing.assert_allclose(fit.x, [side, -1.0], atol=1e-3)
     np.testing.assert_array_equal(fit.at_bound, [True, False])
     assert fit.std[0] == 0.0
     assert fit.std[1] == pytest.approx(np.sqrt(0.5), rel=1e-6)
     everywhere = np.vstack(tried)
-    assert (everywhere >= [-1.0, -5.0]).all()
-    assert (everywhere <= [1.0, 5.0]).all()
+    assert ((lower <= everywhere) & (everywhere <= upper)).all()
+
+
+def test_where_nothing_bends_down_there_is_no_standard_error():
+    """A flat direction: the information is singular, and an error of infinity is not a number to report."""
+    with pytest.raises(FilterDiverged, match="observed information is not positive definite"):
+        maximum_likelihood(lambda p: -(p[:, 0] ** 2), [0.5, 0.0], -FREE, FREE)
 
 
 def test_bad_starts_are_refused():
