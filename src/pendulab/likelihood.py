@@ -24,7 +24,7 @@ class Fit:
         two steps of one)
     log_likelihood : its value
     at_bound : (d,) which entries stopped at a bound
-    evaluations : how many parameter vectors were tried
+    evaluations : how many parameter vectors the search tried
     """
 
     x: Array
@@ -56,7 +56,8 @@ def maximum_likelihood(
     ----------
     log_likelihood : takes (k, d) parameter vectors, returns (k,) values
     start : (d,), within the bounds; scale every entry to order one (logarithms for positive numbers)
-    lower, upper : (d,) bounds, infinite where there are none
+    lower, upper : (d,) bounds, lower < upper, infinite where there are none; keep a number fixed by
+        leaving it out of the vector
     step : of the differences
 
     Raises
@@ -68,7 +69,8 @@ def maximum_likelihood(
     from scipy.optimize import minimize  # slow to import, and only this function needs it
 
     start, lower, upper = (np.asarray(v, dtype=float) for v in (start, lower, upper))
-    if not (start.shape == lower.shape == upper.shape and np.all((lower <= start) & (start <= upper))):
+    shapes_agree = start.shape == lower.shape == upper.shape and start.ndim == 1
+    if not (shapes_agree and np.all((lower <= start) & (start <= upper) & (lower < upper))):
         raise ValueError(f"start: expected a point within the bounds, got {start} for [{lower}, {upper}]")
     if not np.isfinite(log_likelihood(start[None])).all():
         raise ValueError(f"the log-likelihood is not finite at the start {start}")

@@ -150,8 +150,8 @@ def two_point_start(z: Array, dt: float, R: Array, rate_std: float) -> Gaussian:
 
 
 def find(run: int) -> Path:
-    """The file of one run: in ``PENDULAB_DATA``, in ../shared/data beside the project, in the user's cache,
-    or downloaded there (checked by its SHA-256)."""
+    """The file of one run: in the folder that ``PENDULAB_DATA`` names (if unset, ../shared/data beside
+    the project), else in the user's cache, else downloaded there and checked by its SHA-256."""
     file = f"double-pendulum/run-{run:02d}.csv"
     named = os.environ.get("PENDULAB_DATA")
     folders = [Path(named)] if named else [Path(__file__).resolve().parents[3] / "shared" / "data"]
@@ -243,9 +243,7 @@ def marker_offsets(markers: Array, sweeps: int = 3) -> MarkerOffsets:
         theta, length = angles_and_lengths(place_markers(markers, found))
         first = _harmonics(length[:, 0], theta[:, 0])
         second = _harmonics(length[:, 1], theta[:, 1], theta[:, 1] - theta[:, 0])
-        found = MarkerOffsets(
-            found.pivot + first, found.joint + second[2:], found.end - second[:2]
-        )
+        found = MarkerOffsets(found.pivot + first, found.joint + second[2:], found.end - second[:2])
     return found
 
 

@@ -80,6 +80,8 @@ def test_bad_starts_are_refused():
     with pytest.raises(ValueError, match="expected a point within the bounds, got"):
         maximum_likelihood(fine, [np.nan], [-1.0], [1.0])
     with pytest.raises(ValueError, match="expected a point within the bounds, got"):
+        maximum_likelihood(fine, [1.0], [1.0], [1.0])  # nothing left to vary
+    with pytest.raises(ValueError, match="expected a point within the bounds, got"):
         maximum_likelihood(fine, [0.0, 0.0], [-1.0], [1.0])
     with pytest.raises(ValueError, match="log-likelihood is not finite at the start"):
         maximum_likelihood(lambda p: np.full(len(p), np.nan), [0.0], [-1.0], [1.0])

@@ -72,3 +72,13 @@ def test_jacobian_equals_the_one_printed_by_muzaffari_2024():
     ]
     found = systems.double_pendulum(gravity=9.81).jacobian_x([np.pi / 4, 0, np.pi / 6, 0])
     np.testing.assert_allclose(found, printed, rtol=0, atol=5e-5)
+
+
+@each_system
+def test_linearised_is_the_flow_and_its_jacobian_at_once(system):
+    """Its common subexpressions are others, so the last bit may be another."""
+    x, u = somewhere(system)
+    for states, inputs in ((x, u), (x[0], u[0])):
+        f, A = system.linearised(states, inputs)
+        np.testing.assert_allclose(f, system.f(states, inputs), rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(A, system.jacobian_x(states, inputs), rtol=1e-13, atol=1e-13)
