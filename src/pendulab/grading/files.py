@@ -1,0 +1,46 @@
+"""Files that other people's names and programs may try to abuse."""
+
+import hashlib
+import os
+import re
+import tempfile
+from pathlib import Path
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write a file so that a reader sees the old one or the new one, never a part."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".writing-")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def safe_name(name: str) -> str:
+    """A file name without surprises for any name; two names never share one, whatever the file system.
+
+    Lower-case letters, digits, dot, dash and underscore stay as they are; a name with anything else is
+    shortened to those and told apart by a piece of its hash.
+    """
+    if re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,99}", name):
+        return name
+    kept = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:60]
+    digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
+    return f"{kept or 'student'}-{digest}"
+
+
+def plain_text(text: str, most: int = 300) -> str:
+    """Text for a table or a page: no control characters, no broken Unicode, not longer than `most`."""
+    text = text.encode("utf-8", "replace").decode("utf-8")
+    text = "".join(c if c.isprintable() else " " for c in text)
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def spreadsheet_text(text: str) -> str:
+    """Text that a spreadsheet shows and never runs as a formula."""
+    text = plain_text(text)
+    return "'" + text if text.lstrip()[:1] in {"=", "+", "-", "@", "|", "%"} else text

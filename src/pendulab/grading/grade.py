@@ -1,0 +1,106 @@
+"""Grade a folder of submissions: read, run each in a sandbox of its own, judge, report."""
+
+import secrets
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pendulab.grading import judge, sandbox, submissions
+from pendulab.grading.files import plain_text
+from pendulab.grading.lab import TEXT_STUB, Lab, asked
+from pendulab.grading.protocol import Transcript, read_transcript
+from pendulab.grading.submissions import Submission, Unreadable
+
+
+@dataclass
+class Result:
+    """All that is known about one submission once it is graded.
+
+    `status` is graded, unreadable (the student's side), or failed (ours; `reason` says what to do).
+    `texts` holds the manual questions that were answered.
+    """
+
+    student: str
+    status: str
+    reason: str = ""
+    marks: list[judge.Mark] = field(default_factory=list)
+    texts: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def points(self) -> float:
+        return round(sum(m.points for m in self.marks), 2)
+
+
+def new_seed() -> int:
+    """A seed that nobody can guess."""
+    return secrets.randbits(63)
+
+
+class Grader:
+    """A lab with its hidden cases drawn, ready to grade any number of submissions."""
+
+    def __init__(self, lab: Lab, seed: int, limits=sandbox.STANDARD, sandboxed: bool = True):
+        self.lab, self.seed, self.limits, self.sandboxed = lab, seed, limits, sandboxed
+        self.sheets = lab.draw(seed)
+        self.questions = asked(self.sheets)
+
+    def check(self) -> None:
+        """Open an empty sandbox.
+
+        Raises
+        ------
+        SandboxError : with the reason, before any submission is touched
+        """
+        sandbox.run([], [], self.lab.packages, self.limits, self.sandboxed)
+
+    def grade(self, submission: Submission) -> Result:
+        """Grade one submission. Whatever is in it, this returns."""
+        try:
+            if submission.problem:
+                raise Unreadable(submission.problem)
+            return self._grade(submission.student, submissions.read(submission.path))
+        except Unreadable as error:
+            return Result(submission.student, "unreadable", plain_text(str(error)))
+        except Exception as error:  # ours, not the student's: say so, and go on with the class
+            return Result(submission.student, "failed", plain_text(f"{type(error).__name__}: {error}"))
+
+    def _grade(self, student, notebook):
+        raw = sandbox.run(notebook.cells, self.questions, self.lab.packages, self.limits, self.sandboxed)
+        transcript = read_transcript(raw)
+        return Result(
+            student,
+            "graded",
+            "" if transcript.opened else "the sandbox ended before any answer came out",
+            marks=[judge.mark(sheet, transcript) for sheet in self.sheets],
+            texts=self._answered(notebook.texts),
+            notes=_notes(notebook.cells, transcript),
+        )
+
+    def grade_all(self, found: list[Submission], jobs: int = 1) -> Iterator[Result]:
+        """Grade every submission, `jobs` at a time; results come as they are ready."""
+        with ThreadPoolExecutor(jobs) as pool:
+            for future in as_completed([pool.submit(self.grade, s) for s in found]):
+                yield future.result()
+
+    def _answered(self, texts):
+        wanted = {m.name for m in self.lab.manual}
+        return {n: t for n, t in texts.items() if n in wanted and t.strip() not in {"", TEXT_STUB}}
+
+
+def _notes(cells: list[str], transcript: Transcript) -> list[str]:
+    """What went wrong with cells, for the student: which one, how it begins, and why."""
+    notes = []
+    for index, kind, text in transcript.cell_notes:
+        if 0 <= index < len(cells):
+            first = plain_text((cells[index].strip().splitlines() or [""])[0], 60)
+            what = "was left out: it" if kind == "dropped" else "stopped with"
+            notes.append(f"Code cell {index + 1} (“{first}”) {what} {plain_text(text)}")
+    return list(dict.fromkeys(notes))
+
+
+def outside(folder: Path, other: Path) -> bool:
+    """Whether `folder` is neither `other` nor inside of it."""
+    folder, other = folder.resolve(), other.resolve()
+    return folder != other and other not in folder.parents

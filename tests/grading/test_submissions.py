@@ -1,0 +1,113 @@
+"""Every submission appears, whatever it is; nothing in a name or a file reaches a page, a table or a path."""
+
+import csv
+import io
+import json
+import os
+
+import nbformat
+import pytest
+
+from pendulab.grading import report
+from pendulab.grading.files import safe_name, spreadsheet_text
+from pendulab.grading.grade import Result
+from pendulab.grading.submissions import Unreadable, find, plain_python, read
+
+NOTEBOOK = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("x = 1")])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """One of each kind, good and bad."""
+    folder = tmp_path / "submissions"
+    (folder / "eve").mkdir(parents=True)
+    (folder / "finn").mkdir()
+    nbformat.write(NOTEBOOK, folder / "ada.ipynb")
+    nbformat.write(NOTEBOOK, folder / "eve" / "lab.ipynb")
+    (folder / "ben.ipynb").write_bytes(b"\xff\xfe\x00")
+    (folder / "cleo.ipynb").write_text("[" * 100_000)
+    (folder / "dora.pdf").write_text("my answers")
+    (folder / "gil.ipynb").symlink_to(folder / "ada.ipynb")
+    os.mkfifo(folder / "hugo.ipynb")
+    numeric = dict(NOTEBOOK, cells=[dict(NOTEBOOK.cells[0], source=7)])
+    (folder / "ivy.ipynb").write_text(json.dumps(numeric))
+    (folder / "eve.ipynb").write_text("{}")
+    (folder / ".hidden").write_text("")
+    return folder
+
+
+def test_every_submission_appears_with_a_reason(folder):
+    found = find(folder, "lab")
+    assert [s.student[0] for s in found] == list("abcdeefghi")
+    reasons = {}
+    for s in found:
+        try:
+            reasons[s.student] = s.problem or (read(s.path) and "")
+        except Unreadable as error:
+            reasons[s.student] = str(error)
+    assert reasons["ada"] == ""
+    assert "UTF-8" in reasons["ben"] and "not a notebook" in reasons["cleo"] and ".ipynb" in reasons["dora"]
+    assert "two submissions" in reasons["eve"] and "no lab.ipynb" in reasons["finn"]
+    assert (
+        "symbolic link" in reasons["gil"] and "regular file" in reasons["hugo"] and "cell" in reasons["ivy"]
+    )
+
+
+def test_a_link_inside_a_students_folder_is_not_followed(tmp_path):
+    secret = tmp_path / "secret.ipynb"
+    nbformat.write(NOTEBOOK, secret)
+    (tmp_path / "in" / "mal").mkdir(parents=True)
+    (tmp_path / "in" / "mal" / "lab.ipynb").symlink_to(secret)
+    with pytest.raises(Unreadable, match="symbolic link"):
+        read(find(tmp_path / "in", "lab")[0].path)
+
+
+def test_notebooks_of_format_3_are_read(tmp_path):
+    cell = {"cell_type": "code", "input": "x = 3", "language": "python", "outputs": [], "metadata": {}}
+    old = {"nbformat": 3, "nbformat_minor": 0, "metadata": {}, "worksheets": [{"cells": [cell]}]}
+    (tmp_path / "old.ipynb").write_text(str(old).replace("'", '"'))
+    assert read(tmp_path / "old.ipynb").cells == ["x = 3"]
+
+
+def test_magics_and_shell_lines_do_not_stop_a_cell():
+    assert compile(plain_python("%matplotlib inline\n!pip install x\ny = 5 % 3"), "cell", "exec")
+    assert plain_python("%%time\nx = 1").strip() == "x = 1"
+    assert plain_python("y = 5 %\\\n3 # !") != ""
+    assert "os.system" not in plain_python("!rm -rf /")
+
+
+NAMES = [
+    "=1+1",
+    "../../etc/x",
+    "<script>alert(1)</script>",
+    "a\nb",
+    "A",
+    "a",
+    "é",
+    "x" * 300,
+    ".",
+    "-rf",
+    "@x",
+    "\udcff",
+]
+
+
+def test_names_make_safe_and_different_files():
+    files = [safe_name(name) for name in NAMES]
+    assert len({f.casefold() for f in files}) == len(NAMES)
+    assert all("/" not in f and not f.startswith(".") and len(f) <= 100 and f.isascii() for f in files)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_cannot_inject_into_the_table_or_the_page(name, lab, tmp_path):
+    result = Result(name, "unreadable", '=HYPERLINK("x")\n<img src=x onerror=alert(1)>')
+    table = list(csv.reader(io.StringIO(report.gradebook(lab, [result]).decode())))
+    assert len(table) == 2 and len(table[1]) == len(report.columns(lab))
+    assert not any(cell.lstrip().startswith(("=", "@", "+", "-")) for cell in table[1])
+    page = report.write_feedback(tmp_path, lab, result)
+    assert page.parent == tmp_path / "feedback"
+    assert "<script" not in page.read_text() and "<img" not in page.read_text()
+
+
+def test_spreadsheet_text_is_left_alone_where_it_is_harmless():
+    assert spreadsheet_text("Ada Lovelace") == "Ada Lovelace"

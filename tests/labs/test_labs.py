@@ -1,0 +1,193 @@
+"""labs/ is what solutions/ generates, holds nothing of a solution, and runs before anything is answered."""
+
+import contextlib
+import functools
+import io
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+
+from pendulab.grading import generate
+from pendulab.grading.judge import rehearse
+from pendulab.grading.lab import LabError, load
+
+ROOT = Path(__file__).resolve().parents[2]
+SOLUTIONS = sorted((ROOT / "solutions").glob("*.ipynb"))
+by_solution = pytest.mark.parametrize("path", SOLUTIONS, ids=lambda p: p.stem)
+
+
+def cells(path, kind="code"):
+    return [c for c in nbformat.read(path, as_version=4).cells if c.cell_type == kind]
+
+
+def student(path):
+    return ROOT / "labs" / path.name
+
+
+def test_there_are_labs_and_each_has_its_solution():
+    assert SOLUTIONS and generate.stale(ROOT / "solutions", ROOT / "labs") == []
+
+
+@by_solution
+def test_a_lab_is_byte_for_byte_what_its_solution_generates(path):
+    data = student(path).read_bytes()
+    assert data == generate.render(path) == generate.render(path)
+    assert b"\r" not in data and data.endswith(b"}\n") and not data.endswith(b"\n\n")
+
+
+@by_solution
+def test_running_the_solution_again_changes_no_lab(path, tmp_path):
+    solution = nbformat.read(path, as_version=4)
+    for number, cell in enumerate(solution.cells):
+        cell.id = f"other-{number}"
+        if cell.cell_type == "code":
+            cell.outputs, cell.execution_count = [], None
+    (tmp_path / path.name).write_text(nbformat.writes(solution), encoding="utf-8")
+    assert generate.render(tmp_path / path.name) == student(path).read_bytes()
+
+
+NO_SECRET = ("theta1, omega1, theta2, omega2 = x", "m1, m2, l1, l2, gravity")  # the given cells unpack so too
+
+
+@by_solution
+def test_a_lab_holds_nothing_of_its_solution(path):
+    lab, solution = nbformat.read(student(path), as_version=4), nbformat.read(path, as_version=4)
+    text = "\n".join(c.source for c in lab.cells)
+    for cell in solution.cells:
+        if "hidden" in cell.metadata.get("tags", []):
+            assert cell.source not in text
+        for region in cell.source.split("### BEGIN SOLUTION")[1:]:
+            for line in map(str.strip, region.partition("### END SOLUTION")[0].splitlines()):
+                if len(line) > 30 and not line.startswith(NO_SECRET):
+                    assert line not in text, "a line of the solution is in the lab"
+    assert all(not c.outputs and c.execution_count is None for c in lab.cells if c.cell_type == "code")
+    assert "pendulab.grading.cases" not in text and "rehearse" not in text
+
+
+@by_solution
+def test_every_cell_of_a_solution_was_run_in_order(path):
+    assert [c.execution_count for c in cells(path)] == list(range(1, len(cells(path)) + 1))
+    assert not [o for c in cells(path) for o in c.outputs if o.output_type == "error"]
+
+
+@by_solution
+def test_points_sum_to_one_hundred(path):
+    lab = load(path)
+    assert lab.points + sum(m.points for m in lab.manual) == 100
+
+
+@by_solution
+def test_every_function_asked_for_knows_five_mistakes(path):
+    assert [q.name for q in load(path).questions if len(q.mistakes) < 5] == []
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@by_solution
+def test_each_known_mistake_loses_points_and_earns_its_message(path, seed):
+    for question in load(path).questions:
+        assert "are recognised" in rehearse(question, seed)
+
+
+def run(sources, namespace, **outside):
+    """Run cells, showing what they print; `outside` puts names in place of what the cells made."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        for source in sources:
+            exec(source, namespace)
+            namespace.update(outside)
+    return said.getvalue()
+
+
+@by_solution
+def test_an_untouched_lab_runs_to_its_end_and_says_not_answered_yet(path):
+    said = run([c.source for c in cells(student(path))], {})
+    asked = [q.name for q in load(path).questions]
+    assert [line for line in said.splitlines() if "✓" in line or "✗" in line] == []
+    for name in asked:
+        assert f"· {name}: not answered yet." in said
+
+
+# A check that knows no answers cannot tell these: they are close, or one measurement of spread is coarse.
+UNSEEN = {"99", "101", "I + dt*A, the Jacobian of an Euler step."}
+
+
+@by_solution
+def test_the_visible_checks_catch_the_known_mistakes(path):
+    namespace = {}
+    run(
+        [c.source for c in cells(path) if not {"hidden", "figure"} & set(c.metadata.get("tags", []))],
+        namespace,
+    )
+    checks = {
+        c.metadata.nbgrader.grade_id.removesuffix("-check"): c.source
+        for c in cells(path)
+        if "self-check" in c.metadata.get("tags", [])
+    }
+    namespace["cloud"] = functools.cache(namespace["cloud"])  # the only slow one, and always the same
+    for question in load(path).questions:
+        assert "✓" in run([checks[question.name]], dict(namespace))
+        for known in question.mistakes:
+            if question.kind == "variable":
+                wrong = known.variant()
+                if any(words in known.message for words in UNSEEN):
+                    continue
+            else:
+                wrong = known.variant
+                wrong.__name__ = question.name
+            said = run([checks[question.name]], namespace | {question.name: wrong})
+            assert said.startswith(f"✗ {question.name}: "), known.message
+
+
+def test_a_function_without_return_is_told_from_one_that_fails():
+    from pendulab.grading import selfcheck as check
+
+    def half(x):
+        return 1.0 if x > 0 else None
+
+    def careless(x):
+        x += 1
+        return x
+
+    def broken(x):
+        return x[7]
+
+    assert "is a `return` missing" in run_checks(check.answer(half), lambda q: (q.shape(q(1), ()), q(-1)))
+    assert "not answered yet" in run_checks(check.answer(half), lambda q: q(-1))
+    assert "changed its argument" in run_checks(check.answer(careless), lambda q: q(np.zeros(2)))
+    assert "raised IndexError" in run_checks(check.answer(broken), lambda q: q(np.zeros(2)))
+    assert "needs `half`, which is not" in run_checks(check.answer(careless), lambda q: q.use(half, -1))
+
+
+def run_checks(decorate, body):
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        decorate(body)
+    return said.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: c.update(source=c.source.replace("### END SOLUTION", "")), "no end solution"),
+        (lambda c: c.metadata.nbgrader.update(solution=False), "non-solution cell"),
+        (lambda c: c.metadata.nbgrader.update(grade_id="setup"), "setup"),
+        (lambda c: c.update(source=c.source + "\nfrom pendulab.grading import question"), "would remain"),
+    ],
+)
+def test_a_solution_that_would_leak_or_break_is_refused(change, words):
+    notebook = nbformat.read(SOLUTIONS[0], as_version=4)
+    change(next(c for c in notebook.cells if "### BEGIN SOLUTION" in c.source))
+    with pytest.raises(ValueError, match=words):
+        generate.student_version(notebook, "lab")
+
+
+def test_points_in_the_metadata_must_be_the_declared_ones(tmp_path):
+    notebook = nbformat.read(SOLUTIONS[0], as_version=4)
+    next(
+        c for c in notebook.cells if c.metadata.get("nbgrader", {}).get("points")
+    ).metadata.nbgrader.points = 1
+    nbformat.write(notebook, tmp_path / "lab.ipynb")
+    with pytest.raises(LabError, match="not the declared"):
+        load(tmp_path / "lab.ipynb")
