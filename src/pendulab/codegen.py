@@ -60,8 +60,8 @@ def write_function(
     printer = PythonCodePrinter({"fully_qualified_modules": False})
     used = set().union(*(e.free_symbols for e in outputs)) if outputs else set()
     shared, results = sp.cse(list(outputs), symbols=sp.numbered_symbols("s_"), order="none")
-    lines = [f"def {name}(x, u, p):"]
-    for argument, symbols in (("x", x), ("u", u), ("p", p)):
+    lines = [f"def {name}(x_, u_, p_):"]  # a state may be called x, and must not shadow the states
+    for argument, symbols in (("x_", x), ("u_", u), ("p_", p)):
         lines += [f"    {s.name} = {argument}[{i}]" for i, s in enumerate(symbols) if s in used]
     lines += [f"    {s} = {printer.doprint(e)}" for s, e in shared]
     lines.append(f"    return ({' '.join(printer.doprint(e) + ',' for e in results)})")

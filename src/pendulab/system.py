@@ -29,6 +29,7 @@ class Derivation:
     parameters: tuple[sp.Symbol, ...]
     flow: sp.Matrix
     mechanics: EquationsOfMotion | None = None
+    energy: sp.Expr | None = None  # where it is not the Lagrangian's own, as in other coordinates
 
     def source(self) -> str:
         """Generated code of the flow, its Jacobians and, for a mechanical system, its energy."""
@@ -40,7 +41,9 @@ class Derivation:
         rows = zip(self.flow, self.flow.jacobian(x).tolist(), strict=True)
         outputs["linearised"] = [entry for rate, row in rows for entry in (rate, *row)]
         outputs["jacobian_u"] = list(self.flow.jacobian(u)) if self.inputs else []
-        outputs["energy"] = [self.mechanics.energy] if self.mechanics else []
+        energy = self.mechanics.energy if self.mechanics else self.energy
+        if energy is not None:
+            outputs["energy"] = [energy]
         arguments = (self.states, self.inputs, self.parameters)
         return "\n\n".join(codegen.write_function(name, e, *arguments) for name, e in outputs.items())
 
@@ -203,7 +206,7 @@ class System:
 
     def energy(self, x: Array) -> Array:
         """Total mechanical energy (...,) in joules (or in the Lagrangian's own unit)."""
-        if not self.velocity_of:
+        if "energy" not in self._code.scalar:
             raise AttributeError(f"{self.name} has no mechanical energy")
         return self._evaluate("energy", (), x, None)
 

@@ -1,0 +1,70 @@
+# Everything a reader, a student, an instructor or a contributor runs. `make help` lists it.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help env book test labs grade lint lock clean
+
+PYTHON ?= python3
+BIN := .venv/bin
+ENV := .venv/.made
+SITE := book/_build/html
+# What the tests look at: their own folder, every solution and every lab, each notebook in one worker.
+CHECKS := tests $(wildcard solutions) $(wildcard labs)
+WORKERS ?= 2
+
+# The same sources give the same bytes: dates in the site and in figures come from here.
+export SOURCE_DATE_EPOCH ?= 1767225600
+export PYTHONHASHSEED ?= 0
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export JUPYTER_PLATFORM_DIRS := 1
+# The book chooses its own backend, and an environment elsewhere must not leak into this one.
+unexport MPLBACKEND PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+help: ## list the commands
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-6s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+# Compiled at once, as pip does it: the grader's sandbox may not write, and would compile at every start.
+$(ENV): requirements.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit(1)' 2>/dev/null || { \
+	  echo "Pendulab needs Python 3.11 or newer, and '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo not there)." \
+	       "Name a newer one: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "'$(PYTHON)' comes without the venv module. On Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
+	@echo "Making the environment .venv ($$($(PYTHON) --version)) ..."
+	@[ -x $(BIN)/python ] && $(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
+	@$(BIN)/python -m pip install --quiet "$$(grep '^uv==' requirements.txt)"
+	@$(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python -r requirements.txt
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e .
+	@touch $@
+
+env: $(ENV) ## make or renew the environment in .venv
+
+# --all reads every page again, because a second -W build would hide the warnings of the first.
+# Chapters run only when they or the package changed, so a second build is quick.
+book: $(ENV) ## build the book and say where it lies
+	@rm -f book/_build/finished && mkdir -p book/_build && touch book/_build/started
+	$(BIN)/jupyter-book build --all -W -n --keep-going book/
+	@mv book/_build/started book/_build/finished
+	@printf '\nThe book is built. Open it in a browser:\n  file://%s/$(SITE)/index.html\n\n' "$$PWD"
+
+lint: $(ENV) ## style of the code
+	$(BIN)/ruff check .
+
+test: lint book ## run every check of the project
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope \
+	  --nbval --nbval-current-env --nbval-sanitize-with tests/sanitize.cfg $(CHECKS)
+
+labs: $(ENV) ## open JupyterLab on the labs
+	$(BIN)/jupyter lab labs
+
+grade: $(ENV) ## grade a folder of notebooks: make grade SUBMISSIONS=folder OUT=folder
+	@[ -n "$(SUBMISSIONS)" ] && [ -n "$(OUT)" ] || { \
+	  echo "Say what to grade and where the results go: make grade SUBMISSIONS=folder OUT=folder" >&2; exit 2; }
+	$(BIN)/pendulab grade "$(SUBMISSIONS)" "$(OUT)"
+
+lock: $(ENV) ## pin requirements.txt again from the ranges in pyproject.toml
+	$(BIN)/uv pip compile --universal --python-version 3.11 --all-extras --no-annotate pyproject.toml -o requirements.txt
+
+clean: ## remove what was built; the environment stays
+	rm -rf book/_build book/labs build .pytest_cache .ruff_cache
+	find src tests book .ci -name __pycache__ -type d -prune -exec rm -rf {} +
