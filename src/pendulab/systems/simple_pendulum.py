@@ -43,8 +43,9 @@ def simple_pendulum(
 
     Examples
     --------
-    >>> simple_pendulum().f([0.0, 1.0])
-    array([ 1., -0.])
+    >>> from math import pi
+    >>> simple_pendulum().f([pi / 2, 1.0])
+    array([ 1.  , -9.81])
     """
     numbers = dict(mass=mass, length=length, gravity=gravity, damping=damping)
     return System(
