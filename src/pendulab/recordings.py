@@ -164,6 +164,7 @@ def find(run: int) -> Path:
 def _download(run: int, file: str, looked_in: list[Path]) -> Path:
     import pooch
 
+    pooch.get_logger().setLevel("WARNING")  # a page that downloads must not print how
     cache = Path(pooch.os_cache("pendulab")) / "data"
     try:
         # Keep one clear sentence for the reader instead of the chain of network errors below it.

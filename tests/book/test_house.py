@@ -20,16 +20,20 @@ ROOMS = [
     {"gaussian", "lagrange"},
     {"system"},
     {"systems"},
+    {"linear_model"},
     {"discretize", "sensors"},
-    {"augment"},
+    {"augment", "noise"},
     {"simulate"},
     {"sigma_points"},
     {"kalman"},
     {"ekf", "ukf"},
+    {"cubature", "iterated_ekf", "square_root_ukf", "ukf_no_redraw"},
+    {"timeline"},
+    {"linearise"},
     {"adaptive"},
     {"track"},
-    {"smooth", "observability"},
-    {"consistency", "likelihood"},
+    {"smooth", "observability", "chaos"},
+    {"consistency", "likelihood", "bounds"},
     {"montecarlo", "recordings"},
     {"plotting", "animation"},
     {"replications"},
@@ -186,6 +190,13 @@ def test_code_of_the_front_page_runs():
     names = {}
     exec(code, names)
     assert names["result"].mean.shape == names["truth"].shape
+
+
+def test_style_of_the_code():
+    said = subprocess.run(
+        [sys.executable, "-m", "ruff", "check", "."], cwd=ROOT, capture_output=True, text=True
+    )
+    assert said.returncode == 0, said.stdout + said.stderr
 
 
 def test_tests_run_what_they_should():
