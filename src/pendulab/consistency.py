@@ -25,6 +25,11 @@ def rmse(mean: Array, truth: Array, is_angle: Array | None = None) -> Array:
     return np.sqrt(np.mean(errors(mean, truth, is_angle) ** 2, axis=-2))
 
 
+def mae(mean: Array, truth: Array, is_angle: Array | None = None) -> Array:
+    """Mean absolute error over the steps: (..., steps, n) to (..., n), in the states' units."""
+    return np.mean(np.abs(errors(mean, truth, is_angle)), axis=-2)
+
+
 def nees(mean: Array, cov: Array, truth: Array, is_angle: Array | None = None) -> Array:
     """Normalised estimation error squared eᵀ P⁻¹ e: (..., n), (..., n, n), (..., n) to (...,).
 

@@ -12,21 +12,14 @@ from __future__ import annotations
 import numbers
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from .linalg import Array, matvec
+from .linalg import Array
+from .linear_model import ExactModel, Tangent, exact, exact_foh
 from .system import System, unknown_name
 
 Rate = Callable[[Array], Array]
-
-
-class Tangent(NamedTuple):
-    """One step with its derivative: x' (..., n) and F = ∂x'/∂x (..., n, n)."""
-
-    x: Array
-    F: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +106,16 @@ class Model:
         return _METHODS[self.method](rate, s, self.dt, self.system.velocity_of)
 
 
-def discretize(system: System, dt: float, method: str = "rk4") -> Model:
+def discretize(system: System, dt: float, method: str = "rk4") -> Model | ExactModel:
     """Turn continuous-time physics into a difference equation.
 
     Parameters
     ----------
     system : to be advanced
     dt : step in seconds, positive
-    method : "euler" (order 1), "symplectic_euler" (order 1, mechanical systems) or "rk4" (order 4)
+    method : "euler" (order 1), "symplectic_euler" (order 1, mechanical systems), "midpoint" (order 2), "rk4"
+        (order 4); for a linear flow also "exact" (the input held over the step) and "exact_foh" (first-order
+        hold: the input runs straight from its first to its last value in the step, see `ramps`)
 
     Raises
     ------
@@ -135,89 +130,13 @@ def discretize(system: System, dt: float, method: str = "rk4") -> Model:
     """
     if not (isinstance(dt, numbers.Real) and np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt: expected a positive step in seconds, got {dt!r}")
+    if method in _EXACT:
+        return _EXACT[method](system, float(dt))
     if method not in _METHODS:
-        raise ValueError(unknown_name("method", method, tuple(_METHODS), "discretize"))
+        raise ValueError(unknown_name("method", method, (*_METHODS, *_EXACT), "discretize"))
     if method == "symplectic_euler" and not system.velocity_of:
         raise ValueError(f"symplectic_euler needs positions and velocities, and {system.name} declares none")
     return Model(system, float(dt), method)
-
-
-class LinearModel:
-    """The linear difference equation x' = F x + G u.
-
-    Parameters
-    ----------
-    F : (n, n)
-    G : (n, m), or None for no input
-
-    Raises
-    ------
-    ValueError : F is not square or G does not have its number of rows
-    """
-
-    is_linear = True
-    runs = ()
-
-    def __init__(self, F: Array, G: Array | None = None):
-        self.F = np.asarray(F, dtype=float)
-        n = len(self.F)
-        if self.F.shape != (n, n):
-            raise ValueError(f"F: expected a square matrix (n, n), got shape {self.F.shape}")
-        self.G = np.zeros((n, 0)) if G is None else np.asarray(G, dtype=float)
-        if self.G.ndim != 2 or len(self.G) != n:
-            raise ValueError(f"G: expected shape ({n}, m), got {self.G.shape}")
-        self.n, self.m = self.G.shape
-        self.is_angle = np.zeros(n, dtype=bool)
-        self.state_names = tuple(f"x{i}" for i in range(n))
-
-    def step(self, x: Array, u: Array | None = None) -> Array:
-        x = matvec(self.F, np.asarray(x, dtype=float))
-        return x if u is None else x + matvec(self.G, np.asarray(u, dtype=float))
-
-    def tangent(self, x: Array, u: Array | None = None) -> Tangent:
-        return Tangent(self.step(x, u), self.F)
-
-    def jacobian(self, x: Array, u: Array | None = None) -> Array:
-        return self.F
-
-    def input_jacobian(self, x: Array, u: Array | None = None) -> Array:
-        return self.G
-
-
-def white_acceleration(model: Model, intensity: Array | float) -> Array:
-    """Q of one step when each acceleration carries white noise, held by a double integrator (..., n, n).
-
-    Book: eq-white-acceleration. For a pair of position and velocity driven by noise of intensity q,
-    Q = q [[dt³/3, dt²/2], [dt²/2, dt]]: what the noise adds to both in one step, and their covariance.
-
-    Parameters
-    ----------
-    model : of a mechanical system
-    intensity : q of each velocity in the order of the states, in units²/s³ (rad²/s³ for angles): a scalar, or
-        (..., k) for k velocities
-
-    Raises
-    ------
-    ValueError : the system declares no velocities, or an intensity is negative or not finite
-    """
-    pairs = model.system.velocity_of
-    if not pairs:
-        raise ValueError(
-            f"white_acceleration needs positions and velocities, and {model.system.name} declares none"
-        )
-    q = np.asarray(intensity, dtype=float)
-    if q.ndim == 0:
-        q = np.full(len(pairs), q)
-    if q.shape[-1] != len(pairs) or not (np.isfinite(q).all() and (q >= 0).all()):
-        raise ValueError(
-            f"intensity: expected non-negative numbers of shape (..., {len(pairs)}), got {intensity!r}"
-        )
-    Q, dt = np.zeros((*q.shape[:-1], model.n, model.n)), model.dt
-    for i, (position, velocity) in enumerate(pairs):
-        Q[..., position, position] = q[..., i] * dt**3 / 3
-        Q[..., position, velocity] = Q[..., velocity, position] = q[..., i] * dt**2 / 2
-        Q[..., velocity, velocity] = q[..., i] * dt
-    return Q
 
 
 # ----------------------------------------------------------------------------------------- the methods
@@ -240,6 +159,11 @@ def symplectic_euler(rate: Rate, s: Array, dt: float, velocity_of=()) -> Array:
     return new
 
 
+def midpoint(rate: Rate, s: Array, dt: float, velocity_of=()) -> Array:
+    """The explicit midpoint rule: Euler with the rate half a step later."""
+    return s + dt * rate(s + dt / 2 * rate(s))
+
+
 def rk4(rate: Rate, s: Array, dt: float, velocity_of=()) -> Array:
     """The classical Runge-Kutta method (book: eq-rk4)."""
     k1 = rate(s)
@@ -249,5 +173,6 @@ def rk4(rate: Rate, s: Array, dt: float, velocity_of=()) -> Array:
     return s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-_METHODS = {"euler": euler, "symplectic_euler": symplectic_euler, "rk4": rk4}
-ORDER = {"euler": 1, "symplectic_euler": 1, "rk4": 4}
+_METHODS = {"euler": euler, "symplectic_euler": symplectic_euler, "rk4": rk4, "midpoint": midpoint}
+ORDER = {"euler": 1, "symplectic_euler": 1, "rk4": 4, "midpoint": 2}
+_EXACT = {"exact": exact, "exact_foh": exact_foh}  # no order: nothing is left to fall with dt

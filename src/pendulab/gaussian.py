@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .linalg import Array, T, semidefinite_factor
+from .linalg import Array, T, cholesky, semidefinite_factor, solve_lower
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -122,6 +122,32 @@ def covariance(name: str, value: Array | float, n: int) -> Array:
         )
     _refuse_unless_semidefinite(name, P)
     return P
+
+
+def log_density(errors: Array, cov: Array) -> Array:
+    """Logarithm of the normal density of many errors under one covariance a run.
+
+    Parameters
+    ----------
+    errors : (..., k, n), of k points in each run; NaN in a component, the same for all points of a run,
+        leaves it out
+    cov : (..., n, n)
+
+    Returns
+    -------
+    (..., k)
+
+    Raises
+    ------
+    FilterDiverged : cov is not positive definite
+    """
+    seen = 1.0 - np.isnan(errors[..., 0, :])
+    kept = seen[..., :, None] * seen[..., None, :]
+    factor = cholesky(np.where(kept > 0, cov, np.eye(cov.shape[-1])), "covariance of a density")
+    white = solve_lower(factor, T(np.where(seen[..., None, :] > 0, errors, 0.0)))
+    log_det = 2 * np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
+    constant = log_det + np.sum(seen, axis=-1) * np.log(2 * np.pi)
+    return -0.5 * (np.sum(white**2, axis=-2) + constant[..., None])
 
 
 def as_matrix(name: str, value: Array | float, n: int) -> Array:

@@ -115,6 +115,16 @@ def semidefinite_factor(P: Array) -> Array:
     return L
 
 
+def semidefinite_factors(P: Array) -> Array:
+    """`semidefinite_factor` of every matrix of a stack (..., n, n)."""
+    if P.ndim == 2:
+        return semidefinite_factor(P)
+    factors = np.empty(P.shape)
+    for run in np.ndindex(P.shape[:-2]):
+        factors[run] = semidefinite_factor(P[run])
+    return factors
+
+
 def solve_lower(L: Array, B: Array) -> Array:
     """L⁻¹ B for lower-triangular L (..., n, n) and B (..., n, k), by forward substitution."""
     if L.ndim == B.ndim == 2:

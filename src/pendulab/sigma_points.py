@@ -69,3 +69,31 @@ def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> PointSe
         return offsets, wm, wc
 
     return PointSet(f"scaled(alpha={alpha:g}, beta={beta:g}, kappa={kappa:g})", rule)
+
+
+def symmetric(kappa: float = 0.0) -> PointSet:
+    """The symmetric set of 2n + 1 points (Julier and Uhlmann 1997): one weight for means and covariances.
+
+    Offsets ±√(n + κ), centre κ/(n + κ), all others 1/(2(n + κ)). With κ = 3 − n the fourth moments of a
+    Gaussian are met along each column; for n > 3 the centre's weight is then negative.
+
+    Raises
+    ------
+    ValueError : n + kappa is not positive
+    """
+    return PointSet(f"symmetric(kappa={kappa:g})", scaled(alpha=1.0, beta=0.0, kappa=kappa).rule)
+
+
+def cubature() -> PointSet:
+    """The third-degree spherical-radial set (Arasaratnam and Haykin 2009): 2n points at ±√n, weights 1/(2n).
+
+    The centre comes first, as in every set here, with weight zero: angles are averaged about it. The moments
+    are those of ``scaled(alpha=1, beta=0, kappa=0)``.
+    """
+
+    def rule(n: int) -> tuple[Array, Array, Array]:
+        offsets = np.sqrt(n) * np.vstack([np.zeros(n), np.eye(n), -np.eye(n)])
+        weights = np.r_[0.0, np.full(2 * n, 0.5 / n)]
+        return offsets, weights, weights
+
+    return PointSet("cubature()", rule)

@@ -39,7 +39,7 @@ def simulate(
 
     Parameters
     ----------
-    model, sensor : as for `track`
+    model, sensor : as for `track`; a sensor with ``sample`` (an encoder) is asked for its own readings
     x0 : (..., n) true initial state, or a `Gaussian` from which each run draws its own
     steps : number of measurements, at least 1
     Q : covariance of the noise added in one step: scalar, (n,) or (n, n); 0 for none
@@ -67,12 +67,16 @@ def simulate(
     process, measurement = _noise_factor("Q", Q, model.n), _noise_factor("R", sensor.R, sensor.m)
     lead = common_axes(x0=x.shape[:-1], us=() if us is None else np.shape(us)[:-2], parameters=model.runs)
     x = np.broadcast_to(x, (*lead, model.n))
+    draw = getattr(sensor, "sample", None)  # a sensor whose noise is not Gaussian has its own
     truth, z = np.empty((*lead, steps, model.n)), np.empty((*lead, steps, sensor.m))
     for k in range(steps):
         u = None if us is None else np.asarray(us)[..., k, :]
         x = model.step(x, u) + rng.standard_normal((*lead, model.n)) @ process.T
         truth[..., k, :] = x
-        z[..., k, :] = sensor.h(x) + rng.standard_normal((*lead, sensor.m)) @ measurement.T
+        if draw is None:
+            z[..., k, :] = sensor.h(x) + rng.standard_normal((*lead, sensor.m)) @ measurement.T
+        else:
+            z[..., k, :] = draw(x, rng)
     return truth, z
 
 

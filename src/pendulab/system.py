@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,6 +59,10 @@ class Quantity:
     is_angle: bool = False
 
 
+def refuse_nothing(parameters: Mapping[str, float | Array]) -> None:
+    """All parameters that are possible one by one are possible together."""
+
+
 @dataclass(frozen=True, eq=False)
 class System:
     """Continuous-time physics ẋ = f(x, u) with named states, inputs and parameters.
@@ -83,12 +87,16 @@ class System:
     derive: Callable[[], Derivation] = field(repr=False)
     sources: tuple[Path, ...] = field(repr=False)
     velocity_of: tuple[tuple[int, int], ...] = ()
-    refuse: Callable[[Mapping[str, float | Array]], None] = field(default=lambda parameters: None, repr=False)
+    refuse: Callable[[Mapping[str, float | Array]], None] = field(default=refuse_nothing, repr=False)
+
+    def __getstate__(self) -> dict:
+        """What pickle sends to another process: the description; code and derivation are made there again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", dict(self.parameters))
         for quantity in self.quantities:
-            _refuse_parameter_outside_range(self.name, quantity, self.parameters[quantity.name])
+            refuse_outside_range(self.name, quantity, self.parameters[quantity.name])
         self.refuse(self.parameters)
 
     # ---- names -------------------------------------------------------------------------------------
@@ -260,7 +268,8 @@ def unknown_name(kind: str, name: str, known: Sequence[str], owner: str) -> str:
     return f"{owner} has no {kind} {name!r}{hint} Known: {', '.join(known)}"
 
 
-def _refuse_parameter_outside_range(owner: str, quantity: Quantity, value: float | Array) -> None:
+def refuse_outside_range(owner: str, quantity: Quantity, value: float | Array) -> None:
+    """Raise ValueError for a parameter that is no number, not finite or outside its range."""
     number = np.asarray(value)
     if number.dtype.kind not in "iuf":
         raise ValueError(f"{quantity.name}: {owner} expects a number in {quantity.unit}, got {value!r}")

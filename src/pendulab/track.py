@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import ekf
-from .gaussian import Gaussian, common_axes, covariance
+from . import adaptive, ekf, timeline
+from .gaussian import Gaussian, common_axes
 from .linalg import Array, FilterDiverged
 
 
@@ -20,6 +20,8 @@ class Track:
     innovation (..., steps, m), innovation_cov (..., steps, m, m)
     nis, log_likelihood : (..., steps)
     observed : (..., steps) number of measured components, the degrees of freedom of nis
+    Q (..., steps, n, n), R (..., steps, m, m) : the covariances that an adaptive scheme used; None
+    without one
     """
 
     mean: Array
@@ -30,6 +32,8 @@ class Track:
     innovation_cov: Array
     nis: Array
     log_likelihood: Array
+    Q: Array | None = None
+    R: Array | None = None
 
     @property
     def std(self) -> Array:
@@ -54,47 +58,79 @@ def track(
     model,
     sensor,
     z: Array,
-    Q: Array | float,
+    Q: timeline.Noise,
     us: Array | None = None,
     method=ekf,
+    times: Array | None = None,
     **options,
 ) -> Track:
     """Filter a sequence of measurements.
 
     The prior is the belief at time 0, before anything was measured. Measurement k is taken at time
-    (k + 1)·dt: each step predicts over dt, then updates.
+    (k + 1)·dt: each step predicts over dt, then updates. With ``times``, it is taken at times[k], and the
+    gap before it is crossed in the fewest equal steps that are no longer than dt.
 
     Parameters
     ----------
     prior : Gaussian, mean (..., n); without leading axes it is shared by all runs
     model, sensor : a `Model` and a sensor of the same system
     z : (..., steps, m) in the sensor's units; NaN marks a missing component
-    Q : covariance added in one step: scalar, (n,), (n, n) or (..., n, n) with one for each run
-    us : (..., steps, model.m) inputs, held over each step
-    method : a module or object with ``predict`` and ``update``: `ekf`, `ukf`, `kalman`
+    Q : covariance added in one step: scalar, (n,), (n, n) or (..., n, n) with one for each run; or a function
+        of a model that returns it, which times with steps shorter than dt need
+    us : (..., steps, model.m) inputs, held over each step (with times: from one measurement to the next)
+    method : a module or object with ``predict`` and ``update``: `ekf`, `ukf`, `kalman`; or an adaptive
+        scheme, such as ``adaptive.innovation_Q(ekf, window=40)``
+    times : (steps,) seconds since the prior, increasing; None for one every dt
     options : handed to both, such as ``points=sigma_points.scaled(alpha=0.5)`` for the `ukf`
 
     Raises
     ------
-    ValueError : a shape does not fit, or Q is no covariance; the message gives the expected shape
+    ValueError : a shape does not fit, Q is no covariance, or times are given to an adaptive scheme; the
+        message gives what was expected
     FilterDiverged : a covariance lost its positive definiteness; the message gives step, run and eigenvalue
     """
-    z, us, Q = _checked(prior, model, sensor, z, Q, us)
-    lead, steps = _runs(prior, model, sensor, z, Q, us), z.shape[-2]
+    z, us = _checked(prior, model, sensor, z, us)
+    moves = timeline.moves(model, Q, z.shape[-2], times)
+    lead, steps = _runs(prior, model, sensor, z, moves[0][0][1], us), z.shape[-2]
     n, m = model.n, sensor.m
-    out = Track(
-        *(np.empty((*lead, steps, *shape)) for shape in ((n,), (n, n), (n,), (n, n), (m,), (m, m), (), ()))
-    )
-    belief = prior.over(lead)
+    shapes = ((n,), (n, n), (n,), (n, n), (m,), (m, m), (), ())
+    learned = ((n, n), (m, m)) if isinstance(method, adaptive.Scheme) else ()
+    out = Track(*(np.empty((*lead, steps, *shape)) for shape in (*shapes, *learned)))
+    belief, filter_ = prior.over(lead), _Running(method, sensor, moves[0][0][1], times, options)
     for k in range(steps):
         try:
-            predicted = method.predict(belief, model, Q, None if us is None else us[..., k, :], **options)
-            update = method.update(predicted, z[..., k, :], sensor, **options)
+            predicted, u = belief, None if us is None else us[..., k, :]
+            for stage, noise in moves[k]:
+                predicted = filter_.predict(predicted, stage, noise, u)
+            if learned:
+                out.Q[..., k, :, :], out.R[..., k, :, :] = filter_.memory.Q, filter_.memory.R
+            update = filter_.update(predicted, z[..., k, :])
         except FilterDiverged as failure:
             raise failure.at_step(k) from None
         _store(out, k, predicted, update)
         belief = update.posterior
     return out
+
+
+class _Running:
+    """A filter within this loop: plain ones as they are, adaptive schemes with the memory they hand on."""
+
+    def __init__(self, method, sensor, Q: Array, times: Array | None, options: dict):
+        self.method, self.sensor, self.options = method, sensor, options
+        self.memory = method.begin(sensor, Q) if isinstance(method, adaptive.Scheme) else None
+        if self.memory is not None and times is not None:
+            raise ValueError("times: an adaptive scheme learns covariances of equal steps; leave times out")
+
+    def predict(self, belief: Gaussian, model, Q: Array, u: Array | None) -> Gaussian:
+        if self.memory is None:
+            return self.method.predict(belief, model, Q, u, **self.options)
+        return self.method.predict(belief, model, Q, u, self.memory, **self.options)
+
+    def update(self, predicted: Gaussian, z: Array):
+        if self.memory is None:
+            return self.method.update(predicted, z, self.sensor, **self.options)
+        update, self.memory = self.method.update(predicted, z, self.sensor, self.memory, **self.options)
+        return update
 
 
 def _store(out: Track, k: int, predicted: Gaussian, update) -> None:
@@ -115,7 +151,7 @@ def _runs(prior, model, sensor, z, Q, us) -> tuple[int, ...]:
     )
 
 
-def _checked(prior, model, sensor, z, Q, us):
+def _checked(prior, model, sensor, z, us):
     """Refuse at the door what would fail, or worse would not fail, deep inside."""
     n, m = model.n, sensor.m
     if prior.n != n:
@@ -138,4 +174,4 @@ def _checked(prior, model, sensor, z, Q, us):
             raise ValueError(f"us: expected inputs of shape (..., {z.shape[-2]}, {model.m}), got {us.shape}")
         if not np.isfinite(us).all():
             raise ValueError(f"us: expected finite inputs, got NaN or infinity in shape {us.shape}")
-    return z, us, covariance("Q", Q, n)
+    return z, us

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..lagrange import euler_lagrange
-from ..system import Derivation, Quantity, System
+from ..system import Derivation, Quantity, System, refuse_nothing
 
 _STATES = (
     Quantity("theta1", "rad", is_angle=True),
@@ -203,5 +203,5 @@ def uniform_bars(l1: float, l2: float, gravity: float = 9.81, b1: float = 0.0, b
     )
 
 
-def _system(name, quantities, numbers, derive, refuse=lambda parameters: None) -> System:
+def _system(name, quantities, numbers, derive, refuse=refuse_nothing) -> System:
     return System(name, _STATES, (), quantities, numbers, derive, (Path(__file__),), _VELOCITY_OF, refuse)

@@ -1,4 +1,4 @@
-"""What is measured, how well, and which of it is an angle."""
+"""Sensors that are linear: some states themselves, or combinations of them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import angles
-from .gaussian import covariance
-from .linalg import Array, matvec
-from .system import System
+from ..gaussian import covariance
+from ..linalg import Array, matvec
+from ..system import System
+from .protocol import Sensor
 
 
 @dataclass(frozen=True, eq=False)
-class LinearSensor:
+class LinearSensor(Sensor):
     """A sensor z = H x + noise.
 
     Attributes
@@ -34,11 +34,6 @@ class LinearSensor:
     is_linear = True
 
     @property
-    def m(self) -> int:
-        """Number of measured components."""
-        return self.H.shape[0]
-
-    @property
     def n(self) -> int:
         """Number of states it looks at."""
         return self.H.shape[1]
@@ -50,19 +45,6 @@ class LinearSensor:
     def jacobian(self, x: Array) -> Array:
         """∂h/∂x (..., m, n); here the constant H (m, n)."""
         return self.H
-
-    def residual(self, z: Array, z_hat: Array) -> Array:
-        """z − ẑ (..., m), angles wrapped to [-π, π]; NaN where z is missing.
-
-        Raises
-        ------
-        ValueError : z has another number of components
-        """
-        if np.shape(z)[-1:] != (self.m,):
-            raise ValueError(
-                f"z: expected shape (..., {self.m}) for {self.names} in {self.units}, got {np.shape(z)}"
-            )
-        return angles.residual(z, z_hat, self.is_angle)
 
 
 def components(system: System, names: Sequence[str], R: Array | float) -> LinearSensor:
