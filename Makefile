@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env book test labs grade release lint lock clean
+.PHONY: help env book test labs grade release mutations lint lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -21,7 +21,7 @@ export JUPYTER_PLATFORM_DIRS := 1
 unexport MPLBACKEND PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 help: ## list the commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 # Compiled at once, as pip does it: the grader's sandbox may not write, and would compile at every start.
 $(ENV): requirements.txt pyproject.toml
@@ -55,6 +55,9 @@ test: $(ENV) ## run every check of the project
 	@$(MAKE) --no-print-directory book || echo "The book does not build; the tests go on and will say so." >&2
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope \
 	  --nbval --nbval-current-env --nbval-sanitize-with tests/sanitize.cfg $(CHECKS)
+
+mutations: $(ENV) ## apply every seeded defect to a copy of the package and see that its test notices
+	$(BIN)/python tests/mutations/run.py
 
 labs: $(ENV) ## open JupyterLab on the labs
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) labs

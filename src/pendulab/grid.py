@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates
 
 from . import angles, timeline
 from .gaussian import Gaussian, log_density
-from .linalg import Array, FilterDiverged
+from .linalg import Array
 from .particle import moments
 
 
@@ -61,9 +61,9 @@ def dense(
 
     Raises
     ------
-    ValueError : not two states, runs, limits that are none, a prior that the grid cannot hold, or a density
-        that reached the edge
-    FilterDiverged : the measurement has probability zero everywhere
+    ValueError : not two states, runs, limits that are none, a prior that the grid cannot hold, a density
+        that reached the edge, or a measurement so far off that the table holds only its own error there
+    FilterDiverged : R is singular
     """
     z, us = np.asarray(z, dtype=float), None if us is None else np.asarray(us, dtype=float)
     lows, sizes, points = _grid(model, limits, cells)
@@ -92,17 +92,22 @@ def dense(
             if key not in origins:
                 origins[key] = _origins(stage, points, u)
             p = _carried(p, *origins[key], lows, sizes)
-            p = np.maximum(_spread(p, noise, sizes), 0.0)  # splines ring by as much as `mass` tells
+            p = _spread(p, noise, sizes)
+            floor = max(-10 * p.min(), 1e-13 * p.max())  # splines ring: below it the table holds no density
+            p = np.maximum(p, 0.0)
             out.mass[k] *= p.sum() * area
-            p = p / (p.sum() * area)
+            floor, p = floor / (p.sum() * area), p / (p.sum() * area)
             _refuse_edge(p, model.is_angle, area, k)
         log_p = log_density(
             sensor.residual(np.broadcast_to(z[k], (len(flat), sensor.m)), sensor.h(flat)), sensor.R
         )
         highest = log_p.max()
-        p = p * np.exp(log_p - highest).reshape(cells)
-        if not p.sum() > 0:
-            raise FilterDiverged("density", step=k)
+        before, p = p, p * np.exp(log_p - highest).reshape(cells)
+        if not before.flat[p.argmax()] > floor:
+            raise ValueError(
+                f"z: measurement {k} lies where the density before it is nothing but the grid's own error; "
+                "take finer cells, or look at the measurement"
+            )
         out.log_likelihood[k] = highest + np.log(p.sum() * area)
         p = p / (p.sum() * area)
         out.density[k] = p

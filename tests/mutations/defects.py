@@ -1,0 +1,483 @@
+"""Seeded defects: mistakes that people make in filters, each with the test that must notice it.
+
+An entry changes one text, which occurs exactly once in its file, into another. The list is a test of the
+tests: a defect that survives shows a law that nobody checks. `run.py` applies them, one at a time, to a copy.
+"""
+
+from typing import NamedTuple
+
+
+class Defect(NamedTuple):
+    """``text`` in src/pendulab/``file`` becomes ``instead``; ``test`` (below tests/) fails then."""
+
+    what: str
+    file: str
+    text: str
+    instead: str
+    test: str
+
+
+FILTERS = "laws/test_filters.py::"
+MORE = "laws/test_more_filters.py::"
+RANDOM = "laws/test_properties.py::"
+
+DEFECTS = [
+    # ------------------------------------------------------------------------------------- predictions
+    Defect(
+        "Kalman: the prediction forgets Q",
+        "kalman.py",
+        'symmetrised(F @ P @ T(F) + as_matrix("Q", Q, belief.n))',
+        "symmetrised(F @ P @ T(F))",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "EKF: the prediction forgets Q",
+        "ekf.py",
+        'symmetrised(F @ P @ T(F) + as_matrix("Q", Q, belief.n))',
+        "symmetrised(F @ P @ T(F))",
+        FILTERS + "test_ekf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "EKF: Q enters twice",
+        "ekf.py",
+        'as_matrix("Q", Q, belief.n))',
+        '2 * as_matrix("Q", Q, belief.n))',
+        RANDOM + "test_every_filter_is_the_kalman_filter_on_every_linear_model",
+    ),
+    Defect(
+        "EKF: Fᵀ P F for F P Fᵀ",
+        "ekf.py",
+        "F @ P @ T(F)",
+        "T(F) @ P @ F",
+        FILTERS + "test_ekf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "EKF: the Jacobian is taken at the state after the step",
+        "ekf.py",
+        "    x, F = model.tangent(x, u)\n",
+        "    x = model.step(x, u)\n    F = model.jacobian(x, u)\n",
+        "laws/test_equations.py::test_eq_ekf_predict_cov",
+    ),
+    Defect(
+        "EKF: the input is forgotten",
+        "ekf.py",
+        "model.tangent(x, u)",
+        "model.tangent(x)",
+        FILTERS + "test_ekf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "EKF: the predicted covariance is not symmetrised",
+        "ekf.py",
+        'symmetrised(F @ P @ T(F) + as_matrix("Q", Q, belief.n))',
+        '(F @ P @ T(F) + as_matrix("Q", Q, belief.n))',
+        FILTERS + "test_covariances_stay_symmetric_to_the_last_bit",
+    ),
+    Defect(
+        "UKF: the prediction forgets Q",
+        "ukf.py",
+        'weighted_outer(wc, dX, dX) + as_matrix("Q", Q, belief.n)',
+        "weighted_outer(wc, dX, dX)",
+        FILTERS + "test_ukf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "UKF: the input meets runs instead of points",
+        "ukf.py",
+        "np.asarray(u)[..., None, :]",
+        "np.asarray(u)",
+        RANDOM + "test_batch_is_a_loop_on_linear_models",
+    ),
+    Defect(
+        "UKF: deviations of the points are not wrapped",
+        "ukf.py",
+        "dX = angles.residual(X, x[..., None, :], model.is_angle)",
+        "dX = X - x[..., None, :]",
+        MORE + "test_model_that_wraps_its_angles_changes_nothing_but_turns",
+    ),
+    Defect(
+        "square root: the prediction forgets Q",
+        "square_root_ukf.py",
+        'noise = semidefinite_factors(as_matrix("Q", Q, belief.n))',
+        'noise = 0.0 * semidefinite_factors(as_matrix("Q", Q, belief.n))',
+        MORE + "test_square_root_ukf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    # ----------------------------------------------------------------------------------------- updates
+    Defect(
+        "the gain is transposed",
+        "linalg.py",
+        "return T(solve_factored(L, T(C)))",
+        "K = T(solve_factored(L, T(C)))\n    return T(K) if K.shape[-1] == K.shape[-2] else K",
+        RANDOM + "test_every_filter_is_the_kalman_filter_on_every_linear_model",
+    ),
+    Defect(
+        "the correction has the wrong sign",
+        "kalman.py",
+        "posterior = Gaussian.trusted(x + matvec(K, innovation), corrected)",
+        "posterior = Gaussian.trusted(x - matvec(K, innovation), corrected)",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "Joseph's form loses K R Kᵀ",
+        "kalman.py",
+        "symmetrised(I_KH @ P @ T(I_KH) + K @ R @ T(K))",
+        "symmetrised(I_KH @ P @ T(I_KH))",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "the short form in place of Joseph's",
+        "kalman.py",
+        "symmetrised(I_KH @ P @ T(I_KH) + K @ R @ T(K))",
+        "symmetrised(I_KH @ P)",
+        FILTERS + "test_joseph_form_survives_where_the_short_form_fails",
+    ),
+    Defect(
+        "S lacks R",
+        "kalman.py",
+        "S = symmetrised(H @ P @ T(H) + R)",
+        "S = symmetrised(H @ P @ T(H) + 1e-9 * R)",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "UKF: half of K S Kᵀ is subtracted",
+        "kalman.py",
+        "symmetrised(P - K @ T(C))",
+        "symmetrised(P - 0.5 * K @ T(C))",
+        FILTERS + "test_ukf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "the innovation is ẑ − z",
+        "sensors/protocol.py",
+        "return angles.residual(z, z_hat, self.is_angle)",
+        "return angles.residual(z_hat, z, self.is_angle)",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "mixed cross covariance: fresh measurement points with the old state points",
+        "ukf_no_redraw.py",
+        "Z = sensor.h(X)",
+        "Z = sensor.h(points.points(belief))",
+        MORE + "test_ukf_without_redraw_is_the_kf_whose_noise_comes_after_the_measurement",
+    ),
+    Defect(
+        "UKF: cross covariance about the mean of something else",
+        "ukf.py",
+        "dX = X - belief.mean[..., None, :]",
+        "dX = X - 0.9 * belief.mean[..., None, :]",
+        "laws/test_equations.py::test_eq_ukf_posterior",
+    ),
+    Defect(
+        "UKF: S with the weights of means",
+        "ukf.py",
+        "weighted_outer(wc, dZ, dZ) + sensor.R",
+        "weighted_outer(wm, dZ, dZ) + sensor.R",
+        "laws/test_equations.py::test_eq_ukf_measurement",
+    ),
+    Defect(
+        "UKF: S lacks R",
+        "ukf.py",
+        "weighted_outer(wc, dZ, dZ) + sensor.R",
+        "weighted_outer(wc, dZ, dZ) + 1e-9 * sensor.R",
+        FILTERS + "test_ukf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "UKF: deviations of measured angles are not wrapped",
+        "ukf.py",
+        "dZ = angles.residual(Z, z_hat[..., None, :], sensor.is_angle)",
+        "dZ = Z - z_hat[..., None, :]",
+        MORE + "test_bearing_across_the_cut_is_the_bearing_across_the_front_turned_by_half",
+    ),
+    Defect(
+        "iterated EKF: the measurement is used again in every iteration",
+        "iterated_ekf.py",
+        "last = linear_update(belief, y, H, sensor.R, seen)",
+        "last = ekf.update(last.posterior, z, sensor)",
+        MORE + "test_iterations_leave_a_linear_posterior_unchanged",
+    ),
+    Defect(
+        "iterated EKF: the innovation is not carried back to the prediction",
+        "iterated_ekf.py",
+        "sensor.residual(z, sensor.h(x)) - matvec(H, belief.mean - x)",
+        "sensor.residual(z, sensor.h(x))",
+        RANDOM + "test_every_filter_is_the_kalman_filter_on_every_linear_model",
+    ),
+    Defect(
+        "iterated EKF: the Jacobian stays at the predicted state",
+        "iterated_ekf.py",
+        "H = sensor.jacobian(x)",
+        "H = sensor.jacobian(belief.mean)",
+        MORE + "test_iterations_end_at_the_most_probable_state",
+    ),
+    Defect(
+        "square root: the update forgets the noise of the sensor",
+        "square_root_ukf.py",
+        'wc, K @ noise, "corrected state covariance"',
+        'wc, 0 * K @ noise, "corrected state covariance"',
+        MORE + "test_square_root_ukf_equals_kf_on_linear_model_with_full_Q",
+    ),
+    Defect(
+        "square root: a negative weight is added",
+        "square_root_ukf.py",
+        "added = rows[..., 1:, :] if weights[0] < 0 else rows",
+        "added = rows",
+        MORE + "test_square_root_ukf_equals_ukf_on_a_curved_sensor",
+    ),
+    # ------------------------------------------------------------------------ missing, runs, likelihood
+    Defect(
+        "a missing component counts as measured in the gain",
+        "kalman.py",
+        "K = solve_gain(factor, P @ T(H) * seen[..., None, :])",
+        "K = solve_gain(factor, P @ T(H))",
+        RANDOM + "test_missing_component_is_a_sensor_without_it",
+    ),
+    Defect(
+        "wrong degrees of freedom: missing components count in the density's constant",
+        "kalman.py",
+        "log_likelihood = -0.5 * (nis + log_det + np.sum(seen, axis=-1) * np.log(2 * np.pi))",
+        "log_likelihood = -0.5 * (nis + log_det + seen.shape[-1] * np.log(2 * np.pi))",
+        FILTERS + "test_missing_component_equals_a_sensor_without_it",
+    ),
+    Defect(
+        "log-likelihood with half the log-determinant",
+        "kalman.py",
+        "log_det = 2 * np.sum(np.log(np.diagonal(factor",
+        "log_det = np.sum(np.log(np.diagonal(factor",
+        FILTERS + "test_sum_of_log_likelihoods_is_the_log_density_of_all_measurements",
+    ),
+    Defect(
+        "NIS of the innovation that is not whitened",
+        "kalman.py",
+        "nis = np.sum(white**2, axis=-1)",
+        "nis = np.sum(innovation**2, axis=-1)",
+        FILTERS + "test_log_likelihood_and_nis_of_one_update_are_those_of_the_innovation",
+    ),
+    Defect(
+        "wrong degrees of freedom of an averaged χ²",
+        "consistency.py",
+        "gammaincinv(dof * averaged / 2, tails)",
+        "gammaincinv(dof / 2, tails)",
+        "laws/test_consistency.py::test_chi2_band_holds_its_probability_by_integration_and_by_drawing",
+    ),
+    Defect(
+        "errors of angles take the long way round",
+        "consistency.py",
+        "return angles.residual(truth, mean, mask)",
+        "return truth - mean",
+        "laws/test_consistency.py::test_errors_take_the_short_way_round_where_states_are_angles",
+    ),
+    # ----------------------------------------------------------------------------- sigma points, circle
+    Defect(
+        "weights aliased: the covariance weights overwrite those of the means",
+        "sigma_points.py",
+        "wc = wm.copy()",
+        "wc = wm",
+        "laws/test_sigma_points.py::test_weights_sum_to_what_the_theory_says",
+    ),
+    Defect(
+        "sigma points along the rows of the factor",
+        "sigma_points.py",
+        'offsets @ T(cholesky(P, "state covariance"))',
+        'offsets @ cholesky(P, "state covariance")',
+        "laws/test_sigma_points.py::test_points_carry_mean_and_covariance",
+    ),
+    Defect(
+        "spread α (n + κ) for α² (n + κ)",
+        "sigma_points.py",
+        "offsets = np.sqrt(spread) * np",
+        "offsets = np.sqrt(spread / alpha) * np",
+        "laws/test_sigma_points.py::test_points_carry_mean_and_covariance",
+    ),
+    Defect(
+        "cubature points at √(n + 1)",
+        "sigma_points.py",
+        "offsets = np.sqrt(n) * np",
+        "offsets = np.sqrt(n + 1) * np",
+        MORE + "test_named_sets_are_members_of_the_scaled_family",
+    ),
+    Defect(
+        "the circle has half its circumference",
+        "angles.py",
+        "return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))",
+        "return angle - np.pi * np.rint(angle / np.pi)",
+        RANDOM + "test_wrapped_angle_is_the_same_angle_within_half_a_turn",
+    ),
+    Defect(
+        "degrees for radians",
+        "angles.py",
+        "return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))",
+        "return angle - 360 * np.rint(angle / 360)",
+        FILTERS + "test_whole_turns_of_state_or_measurement_change_nothing",
+    ),
+    Defect(
+        "residuals of angles are not wrapped",
+        "angles.py",
+        "return np.where(is_angle, wrap(difference), difference)",
+        "return difference",
+        FILTERS + "test_whole_turns_of_state_or_measurement_change_nothing",
+    ),
+    Defect(
+        "everything is wrapped, rates as well",
+        "angles.py",
+        "return np.where(is_angle, wrap(difference), difference)",
+        "return wrap(difference)",
+        RANDOM + "test_residual_leads_from_one_angle_to_the_other_the_short_way",
+    ),
+    Defect(
+        "plain mean of angles",
+        "angles.py",
+        "residual(points, centre, is_angle)",
+        "points - centre",
+        "laws/test_sigma_points.py::test_mean_turns_with_its_points_and_ignores_whole_turns",
+    ),
+    # ------------------------------------------------------------------------------- steps and systems
+    Defect(
+        "RK4: the last stage at half a step",
+        "discretize.py",
+        "k4 = rate(s + dt * k3)",
+        "k4 = rate(s + dt / 2 * k3)",
+        "laws/test_discretize.py::test_global_error_falls_with_the_order_of_the_method",
+    ),
+    Defect(
+        "RK4: a weight of 2 lost",
+        "discretize.py",
+        "k1 + 2 * k2 + 2 * k3 + k4",
+        "k1 + 2 * k2 + k3 + k4",
+        "laws/test_equations.py::test_eq_rk4",
+    ),
+    Defect(
+        "symplectic Euler: positions with the old velocities",
+        "discretize.py",
+        "s[..., position, :] + dt * new[..., velocity, :]",
+        "s[..., position, :] + dt * s[..., velocity, :]",
+        "laws/test_discretize.py::test_symplectic_euler_preserves_area_on_the_simple_pendulum_and_not_on_the_"
+        "double_pendulum",
+    ),
+    Defect(
+        "the tangent is I + dt A whatever the step",
+        "discretize.py",
+        "return Tangent(stepped[..., 0], stepped[..., 1:])",
+        "return Tangent(stepped[..., 0], np.eye(self.n) + self.dt * self.system.jacobian_x(x, u))",
+        RANDOM + "test_tangent_is_the_derivative_of_the_step",
+    ),
+    Defect(
+        "the input's Jacobian forgets how the state carries the input on",
+        "discretize.py",
+        "np.matmul(A, s[..., 1:], out=out[..., 1:])",
+        "np.matmul(A, s[..., 1:] * (du is None), out=out[..., 1:])",
+        "laws/test_discretize.py::test_input_jacobian_is_the_derivative_of_the_step_itself",
+    ),
+    Defect(
+        "first-order hold: beginning and end of the step exchanged",
+        "linear_model.py",
+        "[held - gained, gained]",
+        "[gained, held - gained]",
+        "laws/test_discretisations.py::test_first_order_hold_follows_a_ramp_for_ever_and_zero_order_hold_falls_"
+        "behind",
+    ),
+    Defect(
+        "white acceleration: dt² for dt²/2",
+        "noise.py",
+        "q[..., i] * dt**2 / 2",
+        "q[..., i] * dt**2",
+        "laws/test_discretize.py::test_white_acceleration_equals_van_loans_matrix_exponential",
+    ),
+    Defect(
+        "input noise: standard deviations for variances",
+        "noise.py",
+        "symmetrised(G @ Pu @ T(G))",
+        "symmetrised(G @ np.sqrt(Pu) @ T(G))",
+        "laws/test_noise.py::test_input_noise_is_G_Pu_G_transposed",
+    ),
+    # ------------------------------------------------------------------------------------ time and order
+    Defect(
+        "off by one: the track updates before it predicts for the first time",
+        "track.py",
+        "for stage, noise in moves[k]:",
+        "for stage, noise in moves[k] if k else ():",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "off by one: the input of the next step",
+        "track.py",
+        "us[..., k, :]",
+        "us[..., min(k + 1, steps - 1), :]",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "the track goes on from the prediction",
+        "track.py",
+        "belief = update.posterior",
+        "belief = predicted",
+        FILTERS + "test_kalman_is_batch_least_squares",
+    ),
+    Defect(
+        "off by one: simulate looks before it moves",
+        "simulate.py",
+        "        x = model.step(x, u) + rng.standard_normal((*lead, model.n)) @ process.T\n"
+        "        truth[..., k, :] = x\n",
+        "        truth[..., k, :] = x\n"
+        "        x = model.step(x, u) + rng.standard_normal((*lead, model.n)) @ process.T\n",
+        "laws/test_simulate.py::test_entry_k_belongs_to_time_k_plus_one",
+    ),
+    Defect(
+        "simulate draws with the covariance for its factor",
+        "linalg.py",
+        "            L[j, j] = np.sqrt(pivot)\n",
+        "            L[j, j] = pivot\n",
+        "laws/test_simulate.py::test_increments_have_covariance_Q_and_measurement_errors_R",
+    ),
+    Defect(
+        "the smoother takes the input of the step before",
+        "smooth.py",
+        "None if us is None else us[..., k + 1, :], bridge",
+        "None if us is None else us[..., k, :], bridge",
+        "laws/test_smooth.py::test_smoother_is_batch_least_squares_on_a_linear_model",
+    ),
+    Defect(
+        "the smoother forgets what a state keeps to itself",
+        "smooth.py",
+        "P = symmetrised(D + G @ P @ T(G))",
+        "P = symmetrised(G @ P @ T(G))",
+        "laws/test_smooth.py::test_smoother_is_batch_least_squares_on_a_linear_model",
+    ),
+    Defect(
+        "stale R: an adaptive scheme learns and does not use it",
+        "adaptive.py",
+        "update = self.filter.update(predicted, z, replace(sensor, R=memory.R), **options)",
+        "update = self.filter.update(predicted, z, sensor, **options)",
+        "laws/test_adaptive.py::test_R_is_found_from_a_start_that_is_wrong_by_ten",
+    ),
+    Defect(
+        "stale Q: an adaptive scheme predicts with the caller's",
+        "adaptive.py",
+        "Q=scale[..., None, None] * memory.spread)",
+        "Q=memory.spread)",
+        "laws/test_adaptive.py::test_scale_of_Q_is_found",
+    ),
+    Defect(
+        "the residual's covariance with the wrong sign",
+        "adaptive.py",
+        "symmetrised(outer(residual) + H @ P @ T(H))",
+        "symmetrised(outer(residual) - H @ P @ T(H))",
+        "laws/test_adaptive.py::test_R_is_found_from_a_start_that_is_wrong_by_ten",
+    ),
+    Defect(
+        "a range without its root",
+        "sensors/landmarks.py",
+        "r = np.hypot(east, north)",
+        "r = east**2 + north**2",
+        "laws/test_sensors.py::test_range_and_bearing_of_places_that_are_known",
+    ),
+    Defect(
+        "the bearing does not turn with the heading",
+        "sensors/landmarks.py",
+        "H[..., 1::2, self.heading] = -1.0",
+        "H[..., 1::2, self.heading] = 1.0",
+        "laws/test_sensors.py::test_jacobian_of_range_and_bearing_by_complex_steps_of_its_definition",
+    ),
+    Defect(
+        "the grid takes the ringing of its splines for a density",
+        "grid.py",
+        "if not before.flat[p.argmax()] > floor:",
+        "if not before.max() > 0:",
+        "laws/test_corners.py::test_grid_refuses_a_measurement_that_only_its_own_error_explains",
+    ),
+]
