@@ -108,6 +108,13 @@ def test_what_cannot_work_is_refused_in_a_sentence(arguments, words, folder, tmp
     assert said.startswith("pendulab: ") and words in said and "Traceback" not in said
 
 
+def test_outside_of_the_course_it_says_that_the_folder_is_wrong(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["grade", str(folder), str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "there is no folder solutions in" in said and "--solutions" in said
+
+
 def test_release_writes_checks_and_never_deletes(tmp_path, capsys):
     command = ["release", "--solutions", SOLUTIONS, "--labs", str(tmp_path)]
     assert cli.main([*command, "--check"]) == 1
@@ -132,7 +139,7 @@ def test_a_box_never_holds_the_package_that_would_answer():
 def test_a_student_can_wait_for_the_end_of_the_wall_time_only(bubblewrap):
     limits = replace(sandbox.STANDARD, wall=1)
     raw = sandbox.run(["import time\ntime.sleep(1000)", "x = 1"], [], ("numpy",), limits)
-    assert b"waited without end" in raw
+    assert b"waited 1 s without end" in raw
 
 
 def test_selfcheck_needs_neither_nbgrader_nor_ipython():

@@ -11,7 +11,8 @@ import pytest
 from pendulab.grading import report
 from pendulab.grading.files import safe_name, spreadsheet_text
 from pendulab.grading.grade import Result
-from pendulab.grading.submissions import Unreadable, find, plain_python, read
+from pendulab.grading.runner import plain_python
+from pendulab.grading.submissions import Unreadable, find, read
 
 NOTEBOOK = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("x = 1")])
 
@@ -47,7 +48,11 @@ def test_every_submission_appears_with_a_reason(folder):
             reasons[s.student] = str(error)
     assert reasons["ada"] == ""
     assert "UTF-8" in reasons["ben"] and "not a notebook" in reasons["cleo"] and ".ipynb" in reasons["dora"]
-    assert "two submissions" in reasons["eve"] and "no lab.ipynb" in reasons["finn"]
+    assert (
+        "several submissions" in reasons["eve/"]
+        and "several" in reasons["eve.ipynb"]
+        and "no lab.ipynb" in reasons["finn"]
+    )
     assert (
         "symbolic link" in reasons["gil"] and "regular file" in reasons["hugo"] and "cell" in reasons["ivy"]
     )
@@ -74,6 +79,31 @@ def test_magics_and_shell_lines_do_not_stop_a_cell():
     assert plain_python("%%time\nx = 1").strip() == "x = 1"
     assert plain_python("y = 5 %\\\n3 # !") != ""
     assert "os.system" not in plain_python("!rm -rf /")
+
+
+def test_magics_are_told_from_python():
+    plain = plain_python(
+        "%time x = 1\ny = !ls\nz = (7\n  % 4)\nt = '''\n%a\n'''\nhelp?\n!a \\\n b\nif x:\n    %load a"
+    )
+    names = {"get_ipython": lambda: "nothing"}
+    exec(plain, names)
+    assert (names["x"], names["y"], names["z"], names["t"]) == (1, "nothing", 3, "\n%a\n")
+    assert plain_python("%%bash\nrm x") == ""
+
+
+def test_a_suffix_in_capitals_is_a_notebook(tmp_path):
+    (tmp_path / "ada.IPYNB").write_text(json.dumps(NOTEBOOK))
+    (found,) = find(tmp_path, "lab")
+    assert found.student == "ada" and not found.problem and read(found.path).cells == ["x = 1"]
+
+
+def test_a_name_that_looks_hashed_is_no_other_students(tmp_path):
+    hashed = safe_name("alice smith")
+    assert safe_name(hashed) != hashed
+    (tmp_path / "dup").mkdir()
+    nbformat.write(NOTEBOOK, tmp_path / "dup.ipynb")
+    found = find(tmp_path, "lab")
+    assert len({safe_name(s.student) for s in found}) == 2 and all("several" in s.problem for s in found)
 
 
 NAMES = [
@@ -111,3 +141,14 @@ def test_names_cannot_inject_into_the_table_or_the_page(name, lab, tmp_path):
 
 def test_spreadsheet_text_is_left_alone_where_it_is_harmless():
     assert spreadsheet_text("Ada Lovelace") == "Ada Lovelace"
+
+
+@pytest.mark.parametrize("sign", "=+-@|%;＝﹦＋；﹣－＠\u2212")
+def test_no_sign_of_a_formula_comes_first(sign):
+    assert spreadsheet_text(f" {sign}1+1").startswith("'")
+
+
+def test_every_field_of_the_table_is_quoted(lab):
+    table = report.gradebook(lab, [Result("a;b", "unreadable", "x")]).decode()
+    assert all(line.startswith('"') and line.endswith('"') for line in table.splitlines())
+    assert '"a;b"' in table

@@ -146,6 +146,14 @@ def test_a_function_without_return_is_told_from_one_that_fails():
     def half(x):
         return 1.0 if x > 0 else None
 
+    def later(x):
+        return half(x)[0]
+
+    def untouched(x):
+        """What to do."""
+        # YOUR CODE HERE
+        pass
+
     def careless(x):
         x += 1
         return x
@@ -154,10 +162,66 @@ def test_a_function_without_return_is_told_from_one_that_fails():
         return x[7]
 
     assert "is a `return` missing" in run_checks(check.answer(half), lambda q: (q.shape(q(1), ()), q(-1)))
-    assert "not answered yet" in run_checks(check.answer(half), lambda q: q(-1))
+    assert "is a `return` missing" in run_checks(check.answer(half), lambda q: q(-1))
+    assert "`half` returns nothing yet; mend it first" in run_checks(
+        check.answer(later), lambda q: q.shape(q(-1), ())
+    )
+    assert "not answered yet" in run_checks(check.answer(untouched), lambda q: q(-1))
+    assert "✓ half" in run_checks(check.answer(half), lambda q: q.shape(q(1), ()))
     assert "changed its argument" in run_checks(check.answer(careless), lambda q: q(np.zeros(2)))
     assert "raised IndexError" in run_checks(check.answer(broken), lambda q: q(np.zeros(2)))
-    assert "needs `half`, which is not" in run_checks(check.answer(careless), lambda q: q.use(half, -1))
+    assert "needs `half`, which returns nothing" in run_checks(
+        check.answer(careless), lambda q: q.use(half, -1)
+    )
+
+
+def test_a_list_is_told_to_become_an_array_and_a_slow_call_to_be_derived_once(monkeypatch):
+    from pendulab.grading import selfcheck as check
+
+    def listed(x):
+        return [1.0, 2.0]
+
+    assert "is a list; make it an array" in run_checks(check.answer(listed), lambda q: q.shape(q(1), (2,)))
+    clock = iter([0.0, 2.0, 2.0, 8.0])
+    monkeypatch.setattr(check.time, "process_time", lambda: next(clock))
+    slow = check.answer(np.zeros)
+    assert "✓ zeros: 1 checks passed. A call took 2.0 s; the grader stops" in run_checks(
+        slow, lambda q: q.shape(q(2), (2,))
+    )
+    assert "✗ zeros: A call took 6.0 s" in run_checks(slow, lambda q: q.shape(q(2), (2,)))
+
+
+TYPICAL = {
+    "flow_jacobian": """
+def flow_jacobian(x, p):
+    return np.stack([(flow(x + 1e-30 * e, p) - flow(x, p)) / 1e-30 for e in np.eye(4)], axis=-1)
+""",
+    "sigma2_deg": "sigma2_deg = np.radians(spread_deg[-1]) ** 2",
+}
+TOLD = {"flow_jacobian": "is your h too small for a real difference?", "sigma2_deg": "a variance in rad²"}
+
+
+@pytest.mark.parametrize("name", TYPICAL)
+@by_solution
+def test_a_typical_slip_is_named(name, path):
+    namespace = {}
+    run(
+        [c.source for c in cells(path) if not {"hidden", "figure"} & set(c.metadata.get("tags", []))],
+        namespace,
+    )
+    check = next(
+        c.source for c in cells(path) if c.metadata.get("nbgrader", {}).get("grade_id") == f"{name}-check"
+    )
+    assert TOLD[name] in run([TYPICAL[name], check], namespace)
+
+
+@by_solution
+def test_the_lab_states_the_limits_that_hold(path):
+    from pendulab.grading.sandbox import STANDARD as most
+
+    text = "\n".join(c.source for c in cells(student(path), "markdown"))
+    stated = f"{most.cell_cpu} for a cell, {most.total_cpu} for all cells; {most.call_cpu} for one call"
+    assert stated in text and f"{most.question_cpu} for all calls of a question" in text
 
 
 def run_checks(decorate, body):

@@ -24,6 +24,7 @@ import zlib
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -132,12 +133,27 @@ class Sheet:
         self.expected = [as_outputs(question.reference(**case.inputs)) for case in cases]
         self._variants = {}
 
+    @cached_property
+    def trivial(self) -> np.ndarray:
+        """Per case and part: whether zeros and ones, or a copy of an input, are expected there."""
+        return np.array(
+            [
+                [_trivial(part.pick(*wanted), case.inputs) for part in self.question.parts]
+                for case, wanted in zip(self.cases, self.expected, strict=True)
+            ]
+        )
+
     def variant(self, known: Mistake, k: int) -> tuple[np.ndarray, ...]:
         """What this mistake gives in case k, as a tuple of arrays."""
         key = id(known), k
         if key not in self._variants:
             self._variants[key] = as_outputs(known.variant(**self.cases[k].inputs))
         return self._variants[key]
+
+
+def _trivial(piece, inputs):
+    copies = [v for v in inputs.values() if isinstance(v, np.ndarray)]
+    return bool(np.isin(piece, (0.0, 1.0)).all()) or any(np.array_equal(piece, v) for v in copies)
 
 
 def as_outputs(answer) -> tuple[np.ndarray, ...]:

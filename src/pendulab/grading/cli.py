@@ -75,6 +75,7 @@ def _grade(options):
     for result in tqdm(grader.grade_all(found, options.jobs), total=len(found), unit="notebook"):
         report.write_feedback(options.out, grader.lab, result)
         results.append(result)
+        report.write_gradebook(options.out, grader.lab, results, seed)  # a stopped run keeps them
     path = report.write_gradebook(options.out, grader.lab, results, seed)
     print(f"{len(results)} submissions, seed {seed}: {path}")
     failed = sum(r.status == "failed" for r in results)
@@ -91,6 +92,11 @@ def _open(grader):
 
 
 def _solution(options):
+    if not options.solutions.is_dir():
+        raise ValueError(
+            f"there is no folder {options.solutions} in {Path.cwd()}: "
+            "run this where the labs' solutions are, or name their folder with --solutions"
+        )
     there = {path.stem: path for path in sorted(options.solutions.glob("*.ipynb"))}
     if options.lab is None and len(there) == 1:
         return next(iter(there.values()))

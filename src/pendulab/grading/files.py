@@ -4,6 +4,7 @@ import hashlib
 import os
 import re
 import tempfile
+import unicodedata
 from pathlib import Path
 
 
@@ -23,13 +24,13 @@ def write_atomically(path: Path, data: bytes) -> None:
 def safe_name(name: str) -> str:
     """A file name without surprises for any name; two names never share one, whatever the file system.
 
-    Lower-case letters, digits, dot, dash and underscore stay as they are; a name with anything else is
-    shortened to those and told apart by a piece of its hash.
+    Lower-case letters, digits, dot, dash and underscore stay as they are; a name with anything else, or
+    one that looks like the result of this, is shortened to those and told apart by a piece of its hash.
     """
-    if re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,99}", name):
+    if re.fullmatch(r"[a-z0-9][a-z0-9._-]{0,99}", name) and not re.search(r"-[0-9a-f]{16}$", name):
         return name
     kept = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:60]
-    digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:8]
+    digest = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:16]
     return f"{kept or 'student'}-{digest}"
 
 
@@ -43,4 +44,5 @@ def plain_text(text: str, most: int = 300) -> str:
 def spreadsheet_text(text: str) -> str:
     """Text that a spreadsheet shows and never runs as a formula."""
     text = plain_text(text)
-    return "'" + text if text.lstrip()[:1] in {"=", "+", "-", "@", "|", "%"} else text
+    first = unicodedata.normalize("NFKC", text.lstrip())[:1]  # a spreadsheet may take ＝ or ﹦ for =
+    return "'" + text if first and first in "=+-−@|%;,\t" else text

@@ -3,7 +3,7 @@
 import secrets
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pendulab.grading import judge, sandbox, submissions
@@ -27,6 +27,8 @@ class Result:
     marks: list[judge.Mark] = field(default_factory=list)
     texts: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    late: bool = False  # a limit of wall time fired: to be graded again, alone
+    line: str = field(default="", repr=False, compare=False)  # of the gradebook, once it is made
 
     @property
     def points(self) -> float:
@@ -55,34 +57,47 @@ class Grader:
         """
         sandbox.run([], [], self.lab.packages, self.limits, self.sandboxed)
 
-    def grade(self, submission: Submission) -> Result:
-        """Grade one submission. Whatever is in it, this returns."""
+    def grade(self, submission: Submission, patience: int = 1) -> Result:
+        """Grade one submission with `patience` times the wall time. Whatever is in it, this returns."""
         try:
             if submission.problem:
                 raise Unreadable(submission.problem)
-            return self._grade(submission.student, submissions.read(submission.path))
+            limits = replace(self.limits, total_wall=patience * self.limits.total_wall)
+            return self._grade(submission.student, submissions.read(submission.path), limits)
         except Unreadable as error:
             return Result(submission.student, "unreadable", plain_text(str(error)))
         except Exception as error:  # ours, not the student's: say so, and go on with the class
             return Result(submission.student, "failed", plain_text(f"{type(error).__name__}: {error}"))
 
-    def _grade(self, student, notebook):
-        raw = sandbox.run(notebook.cells, self.questions, self.lab.packages, self.limits, self.sandboxed)
+    def _grade(self, student, notebook, limits):
+        raw = sandbox.run(notebook.cells, self.questions, self.lab.packages, limits, self.sandboxed)
         transcript = read_transcript(raw)
         return Result(
             student,
             "graded",
             "" if transcript.opened else "the sandbox ended before any answer came out",
-            marks=[judge.mark(sheet, transcript) for sheet in self.sheets],
+            marks=judge.mark_all(self.sheets, transcript),
             texts=self._answered(notebook.texts),
             notes=_notes(notebook.cells, transcript),
+            late=transcript.late,
         )
 
     def grade_all(self, found: list[Submission], jobs: int = 1) -> Iterator[Result]:
-        """Grade every submission, `jobs` at a time; results come as they are ready."""
+        """Grade every submission, `jobs` at a time; results come as they are ready.
+
+        Where the wall time ran out, others may have taken the processor, so those are graded again at the
+        end, one at a time and with more patience.
+        """
+        again = []
         with ThreadPoolExecutor(jobs) as pool:
-            for future in as_completed([pool.submit(self.grade, s) for s in found]):
-                yield future.result()
+            started = {pool.submit(self.grade, s): s for s in found}
+            for future in as_completed(started):
+                if (result := future.result()).late:
+                    again.append(started[future])
+                else:
+                    yield result
+        for submission in again:
+            yield self.grade(submission, patience=2)
 
     def _answered(self, texts):
         wanted = {m.name for m in self.lab.manual}

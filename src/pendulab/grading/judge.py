@@ -13,6 +13,7 @@ from pendulab.grading.cases import Question, Sheet
 from pendulab.grading.protocol import Answer, Transcript
 
 MAX_MESSAGES = 6
+TOGETHER = "Zeros, ones and copies of an input are right in places; they count only together with the rest."
 
 
 @dataclass
@@ -22,9 +23,21 @@ class Mark:
     question: Question
     points: float = 0.0
     answered: bool = True
+    empty: bool = False  # it is there, and returns nothing
     tallies: list[tuple[str, float, int]] = field(default_factory=list)  # kind of case, right, of
     parts: list[tuple[str, float, float]] = field(default_factory=list)  # part, points, of
     messages: list[str] = field(default_factory=list)
+
+
+def mark_all(sheets: list[Sheet], transcript: Transcript) -> list[Mark]:
+    """Mark every question; what failed after an answer that returns nothing is told so."""
+    marks = [mark(sheet, transcript) for sheet in sheets]
+    for n, later in enumerate(marks):
+        empty = [m.question.name for m in marks[:n] if m.empty]
+        if empty and any(" raised " in text for text in later.messages):
+            hint = f"`{empty[0]}` returns nothing, and this answer may need it: mend that first."
+            later.messages = [hint, *later.messages][:MAX_MESSAGES]
+    return marks
 
 
 def mark(sheet: Sheet, transcript: Transcript) -> Mark:
@@ -35,14 +48,17 @@ def mark(sheet: Sheet, transcript: Transcript) -> Mark:
     nothing = Answer(problem=transcript.killed.get(question.name, "was not reached"))
     answers = [transcript.answers.get((question.name, k), nothing) for k in range(len(sheet.cases))]
     if all(a.missing for a in answers):
-        return Mark(question, answered=False, messages=["Not answered yet."])
-    return mark_answers(sheet, answers)
+        return Mark(question, answered=False, empty=True, messages=["Not answered yet."])
+    result = mark_answers(sheet, answers)
+    result.empty = all(a.problem.startswith("returned None") for a in answers)
+    return result
 
 
 def mark_answers(sheet: Sheet, answers: list[Answer]) -> Mark:
     """Mark the answers to all cases of one question.
 
-    Points are shared evenly over cases, and within a case over parts by their shares.
+    Points are shared evenly over cases, and within a case over parts by their shares. What is right
+    without work (zeros and ones, a copy of an input) earns its share only together with the rest.
     """
     question, cases = sheet.question, sheet.cases
     problems = [_problem(question, a, e) for a, e in zip(answers, sheet.expected, strict=True)]
@@ -52,16 +68,32 @@ def mark_answers(sheet: Sheet, answers: list[Answer]) -> Mark:
             for j, part in enumerate(question.parts):
                 right[k, j] = agrees(question, part.pick(*answer.outputs), part.pick(*wanted))
     shares = np.array([part.share for part in question.parts])
-    result = Mark(question, points=round(float(question.points * (right @ shares).mean()), 2))
+    counts = _earned(sheet, right)
+    result = Mark(question, points=round(float(question.points * (counts @ shares).mean()), 2))
     if len(shares) > 1:
-        earned = question.points * shares * right.mean(axis=0)
+        earned = question.points * shares * counts.mean(axis=0)
         result.parts = [
             (p.name, round(float(e), 2), round(float(question.points * p.share), 2))
             for p, e in zip(question.parts, earned, strict=True)
         ]
-    result.tallies = _tallies(cases, right @ shares)
+    result.tallies = _tallies(cases, counts @ shares)
     result.messages = _messages(sheet, answers, problems, right)
+    if (counts != right).any():
+        result.messages.append(TOGETHER)
     return result
+
+
+def _earned(sheet, right):
+    """Which right pieces count: a trivial one beside work in its case, and after work on the same part."""
+    trivial = sheet.trivial
+    if trivial.all():
+        return right
+    worked, counts = right & ~trivial, right.copy()
+    for k, j in zip(*np.nonzero(right & trivial), strict=True):
+        in_case = worked[k].any() or trivial[k].all()
+        in_part = worked[:, j].any() or trivial[:, j].all()
+        counts[k, j] = in_case and in_part
+    return counts
 
 
 def agrees(question: Question, a: np.ndarray, wanted: np.ndarray) -> bool:

@@ -35,6 +35,7 @@ class Transcript:
     """All that a box said: answers by (question, case), and notes for the student."""
 
     opened: bool = False
+    late: bool = False
     answers: dict = field(default_factory=dict)
     missing: set = field(default_factory=set)
     killed: dict = field(default_factory=dict)
@@ -103,6 +104,8 @@ def read_transcript(raw: bytes) -> Transcript:
 def _take(line, transcript):
     if line.get("box") == "open":
         transcript.opened = True
+    elif line.get("box") == "late":
+        transcript.late = True
     elif type(line.get("cell")) is int:
         for kind in ("dropped", "error"):
             if isinstance(line.get(kind), str) and len(transcript.cell_notes) < 100:
@@ -123,7 +126,7 @@ def _take_answer(line, transcript):
 
 def _answer(line):
     if line.get("none") is True:
-        return Answer(problem="returned None", missing=True)
+        return Answer(problem="returned None: is a `return` missing?", missing=line.get("begun") is not True)
     if isinstance(line.get("error"), str):
         missing = line["error"].startswith("NotImplementedError")
         told = DECIMALS.sub("…", line["error"][:MAX_TEXT])

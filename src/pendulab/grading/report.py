@@ -44,12 +44,17 @@ def row(lab: Lab, result: Result) -> list[str]:
 
 
 def gradebook(lab: Lab, results: list[Result]) -> bytes:
-    """The gradebook as CSV (UTF-8), one line per submission, sorted by student."""
+    """The gradebook as CSV (UTF-8, every field in quotes), one line per submission, sorted by student."""
+    for result in results:
+        result.line = result.line or _line(row(lab, result))
+    lines = [r.line for r in sorted(results, key=lambda r: r.student)]
+    return "".join([_line(columns(lab)), *lines]).encode("utf-8", "replace")
+
+
+def _line(fields):
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns(lab))
-    writer.writerows(row(lab, r) for r in sorted(results, key=lambda r: r.student))
-    return text.getvalue().encode("utf-8", "replace")
+    csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(fields)
+    return text.getvalue()
 
 
 def feedback(lab: Lab, result: Result) -> bytes:

@@ -8,6 +8,7 @@ numbers only, and only right numbers for hidden inputs score.
 import contextlib
 import json
 import os
+import re
 import resource
 import signal
 import sys
@@ -52,6 +53,79 @@ def describe(error):
     return f"{type(error).__name__}: {error}"[:300]
 
 
+MAGIC = re.compile(r"(?P<indent>[ \t]*)(?:(?P<name>[\w.]+)[ \t]*=[ \t]*)?[%!](?P<rest>.*)")
+HELP = re.compile(r"[ \t]*(?:\?{1,2}[\w.]+|[\w.]+\?{1,2})[ \t]*")
+PIECE = re.compile(r"""#.*|\"{3}|'{3}|"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[(\[{]|[)\]}]|\\$""")
+TIMED = re.compile(r"time[ \t]+(?P<statement>\S.*)")
+
+
+def plain_python(source):
+    """A cell's code without IPython's magics, shell and help lines, which do nothing here.
+
+    One pass over the lines, and `%time statement` and `%%time` run what they time. A line inside of a
+    string or of brackets is left alone.
+    """
+    first = source.lstrip()
+    if first.startswith("%%"):
+        if not first.startswith(("%%time", "%%capture")) or first.startswith("%%timeit"):
+            return ""  # another language, or names that would not stay
+        source = first.partition("\n")[2]
+    lines, depth, quote, carried, dropping = [], 0, "", False, False
+    for line in source.split("\n"):
+        if dropping:
+            lines.append("")
+            dropping = line.endswith("\\")
+            continue
+        if not (depth or quote or carried):
+            found = MAGIC.fullmatch(line)
+            if found or HELP.fullmatch(line):
+                timed = TIMED.fullmatch(found["rest"]) if found and not found["name"] else None
+                indent, name = (found["indent"], found["name"]) if found else ("", None)
+                what = timed["statement"] if timed else f"{name} = get_ipython()" if name else "pass"
+                lines.append(indent + what)
+                dropping = line.endswith("\\") and not timed
+                continue
+        lines.append(line)
+        depth, quote, carried = _scan(line, depth, quote)
+    return "\n".join(lines)
+
+
+def _scan(line, depth, quote):
+    """Brackets that stay open, the triple quotes that do, and whether a backslash carries the line on."""
+    at, carried = 0, False
+    while at < len(line):
+        if quote:
+            end = line.find(quote, at)
+            if end < 0:
+                break
+            if line[end - 1 : end] == "\\" and end > at:  # an escaped quote
+                at = end + 1
+                continue
+            at, quote = end + 3, ""
+            continue
+        piece = PIECE.search(line, at)
+        if not piece:
+            break
+        at, text = piece.end(), piece[0]
+        if text in ('"""', "'''"):
+            quote = text
+        elif text in "([{":
+            depth += 1
+        elif text in ")]}":
+            depth = max(0, depth - 1)
+        elif text == "\\":
+            carried = True
+    return depth, quote, carried
+
+
+def code_of(source, name):
+    """The compiled cell; only one that is not Python as it stands is searched for magics."""
+    try:
+        return compile(source, name, "exec", dont_inherit=True)
+    except SyntaxError:
+        return compile(plain_python(source), name, "exec", dont_inherit=True)
+
+
 def run_cells(job, dropped, say, clear):
     """Run every cell but the dropped ones; return the names they made. A cell's processes end with it."""
     main = types.ModuleType("__main__")
@@ -64,7 +138,7 @@ def run_cells(job, dropped, say, clear):
         say({"begin": index})
         allow(job["cell_cpu"], job["total_cpu"])
         try:
-            exec(compile(source, f"<cell {index + 1}>", "exec", dont_inherit=True), namespace)
+            exec(code_of(source, f"<cell {index + 1}>"), namespace)
         except BaseException as error:
             say({"cell": index, "error": describe(error)})
         clear()
@@ -85,9 +159,20 @@ def number_lists(array):
     return {"shape": list(array.shape), "dtype": str(array.dtype), "data": data}
 
 
-def outputs_of(answer, count):
+def untouched(x):
+    """What a function is before anybody answers."""
+    pass
+
+
+def begun(function):
+    """Whether a function's body is more than the one in the lab that holds nothing."""
+    code = getattr(function, "__code__", None)
+    return code is not None and len(code.co_code) > len(untouched.__code__.co_code)
+
+
+def outputs_of(answer, count, function=None):
     if answer is None:
-        return {"none": True}
+        return {"none": True, "begun": begun(function)}
     if count == 1:
         return {"outputs": [number_lists(answer)]}
     answer = list(answer)[: count + 1]
@@ -116,7 +201,7 @@ def answer_question(question, namespace, job, say):
             value = namespace[name]
             if question["kind"] == "function":
                 value = value(*[revive(a) for a in args])
-            line = outputs_of(value, question["outputs"])
+            line = outputs_of(value, question["outputs"], namespace[name])
         except BaseException as error:
             line = {"error": describe(error)}
         say({"question": name, "case": k, **line})
@@ -137,12 +222,18 @@ def make_room():
     resource.setrlimit(resource.RLIMIT_NPROC, (most, most))
 
 
-def meaning(status):
-    """A wait status in words."""
+def meaning(status, job, question):
+    """A wait status in words, for a question or a cell."""
     if not os.WIFSIGNALED(status):
         return "ended the process"
     number = os.WTERMSIG(status)
-    if number in (signal.SIGXCPU, signal.SIGKILL):
+    if number == signal.SIGXCPU and question:
+        one, every = job["call_cpu"], job["question_cpu"]
+        return f"used more than {one} s of processor time in a call, or {every} s in all, and was stopped"
+    if number == signal.SIGXCPU:
+        one, every = job["cell_cpu"], job["total_cpu"]
+        return f"used more than {one} s of processor time, or all cells more than {every} s, and was stopped"
+    if number == signal.SIGKILL:
         return "used too much time or memory and was stopped"
     return f"crashed with signal {number}"
 
@@ -179,7 +270,7 @@ def child(job, dropped, out, questions):
                     leave(0)
             status = waitpid(pid, 0)[1]
             if status:
-                say({"question": question["name"], "killed": meaning(status)})
+                say({"question": question["name"], "killed": meaning(status, job, True)})
         say({"done": True})
     finally:
         leave(0)

@@ -6,17 +6,21 @@
         q.near(q(x, 0.0, p), x, "with dt = 0 nothing may move.")
 
 The checks run at once, inside a function so that their names cannot collide with the student's. The
-first that fails ends them with its message, so there is one thing to mend at a time. A function that
-returns None counts as not answered. Nothing here knows an answer; NumPy and SciPy suffice.
+first that fails ends them with its message, so there is one thing to mend at a time. A function whose
+body is still the empty one of the lab counts as not answered. Nothing here knows an answer; NumPy and
+SciPy suffice.
 """
 
 import copy
+import time
 from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 NOT_YET = "not answered yet"
+SLOW, TOO_SLOW = 1.0, 5.0  # seconds of processor time for a call: to be told, to be stopped
+_empty: dict[str, bool] = {}  # answers that returned nothing when they were last checked
 FACTORS = {
     2.0: "it is twice what it must be",
     0.5: "it is half of what it must be",
@@ -32,14 +36,18 @@ class _Stop(Exception):
 class Checks:
     """The checks of one answer. Made by `answer` and `value`, and given to the decorated function."""
 
-    def __init__(self, name: str, function: Callable | None = None, missing: bool = False):
-        self.name, self.function, self.missing, self.passed = name, function, missing, 0
+    def __init__(self, name: str, function: Callable | None = None, missing: bool = False, own: str = ""):
+        self.name, self.function, self.missing, self.own = name, function, missing, own
+        self.passed, self.slowest = 0, 0.0
 
     def run(self, body: Callable) -> None:
         """Run the checks in `body` and print one line about them."""
         try:
             body(self)
-            line = f"✓ {self.name}: {self.passed} checks passed."
+            with_own = f"; consistent with your own {self.own}" if self.own else ""
+            line = f"✓ {self.name}: {self.passed} checks passed{with_own}."
+            if self.slowest > SLOW:
+                line += f" {_told(self.slowest)}"
         except _Stop as stop:
             line = f"· {self.name}: {NOT_YET}." if str(stop) == NOT_YET else f"✗ {self.name}: {stop}"
         except Exception as error:
@@ -58,17 +66,27 @@ class Checks:
         """Call this or another answer; one that is missing or fails ends them with a sentence."""
         own, name = function is self.function, function.__name__
         given = copy.deepcopy(arguments)
+        began = time.process_time()
         try:
             result = function(*given)
         except NotImplementedError:
             result = None
         except Exception as error:
             first = "" if own else f"this check needs `{name}`, and "
+            if "NoneType" in str(error) and (empty := [n for n in _empty if n != self.name]):
+                self.fail(f"`{empty[0]}` returns nothing yet; mend it first.")
             self.fail(f"{first}`{name}` raised {type(error).__name__}: {error}")
-        if result is None and own:
-            self.fail(NOT_YET if self.passed == 0 else f"`{name}` returned None: is a `return` missing?")
+        if own and result is None:
+            _empty[name] = True
+            self.fail(f"`{name}` returned None: is a `return` missing?" if begun(function) else NOT_YET)
         if result is None:
-            self.fail(f"this check needs `{name}`, which is {NOT_YET}.")
+            why = "returns nothing: is a `return` missing?" if begun(function) else f"is {NOT_YET}."
+            self.fail(f"this check needs `{name}`, which {why}")
+        if own:
+            _empty.pop(name, None)
+            self.slowest = max(self.slowest, time.process_time() - began)
+            if self.slowest > TOO_SLOW:
+                self.fail(_told(self.slowest))
         for place, (before, after) in enumerate(zip(arguments, given, strict=True)):
             if not _same(before, after):
                 self.fail(f"`{name}` changed its argument number {place + 1}. Work on a copy of it.")
@@ -78,6 +96,9 @@ class Checks:
         """An array of finite real numbers of exactly this shape."""
         if self.missing:
             self.fail(NOT_YET)
+        if isinstance(found, list | tuple):
+            kind = "list" if isinstance(found, list) else "tuple"
+            self.fail(f"{name} is a {kind}; make it an array: np.array([...]).")
         try:
             array = np.asarray(found, dtype=complex)
         except (TypeError, ValueError):
@@ -131,14 +152,35 @@ class Checks:
         self.passed += 1
 
 
-def answer(function: Callable) -> Callable:
-    """Decorate the checks of a function that the student wrote; they run at once."""
-    return Checks(function.__name__, function).run
+def answer(function: Callable, own: str = "") -> Callable:
+    """Decorate the checks of a function that the student wrote; they run at once.
+
+    `own` names the earlier answers with which the checks compare this one.
+    """
+    return Checks(function.__name__, function, own=own).run
 
 
-def value(name: str, number) -> Callable:
+def value(name: str, number, own: str = "") -> Callable:
     """Decorate the checks of a number that the student computed; None means that it is not there yet."""
-    return Checks(name, missing=number is None).run
+    return Checks(name, missing=number is None, own=own).run
+
+
+def begun(function: Callable) -> bool:
+    """Whether a function's body is more than the lab's, which holds nothing."""
+    code = getattr(function, "__code__", None)
+    return code is not None and len(code.co_code) > len(_untouched.__code__.co_code)
+
+
+def _untouched(x):
+    """What a function is before anybody answers."""
+    pass
+
+
+def _told(seconds):
+    return (
+        f"A call took {seconds:.1f} s; the grader stops a call after 10 s, and a question after 60 s for its "
+        "dozen of calls. Derive once, outside of the function."
+    )
 
 
 def entry(matrix: str, states: tuple[str, ...], after: str = "") -> Callable:

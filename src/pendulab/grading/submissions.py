@@ -3,23 +3,22 @@
 Two layouts: a folder of `<student>.ipynb`, or a folder of `<student>/<lab>.ipynb`.
 """
 
+import json
 import os
 import stat
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-import nbformat
-import nbformat.reader
-from IPython.core.inputtransformer2 import TransformerManager
+from pendulab.grading import reading
+from pendulab.grading.reading import Unreadable
 
-MAX_FILE = 50 << 20
-MAX_CELLS = 1_000
-MAX_CELL = 200_000
+__all__ = ["Notebook", "Submission", "Unreadable", "find", "read"]
 
-
-class Unreadable(ValueError):
-    """A submission that cannot be read; the message is the reason its author is told."""
+MAX_FILE = 5 << 20
+AT_HOME = 1 << 18  # bytes; a larger file is parsed in a process of its own
 
 
 @dataclass(frozen=True)
@@ -48,44 +47,54 @@ def find(folder: Path, lab: str) -> list[Submission]:
     """
     if not folder.is_dir():
         raise FileNotFoundError(f"no folder {folder}")
-    found = []
-    for entry in sorted(folder.iterdir()):
-        if entry.name.startswith("."):
-            continue
-        if entry.is_symlink():
-            found.append(Submission(entry.stem, entry, "a symbolic link is not accepted"))
-        elif entry.is_dir():
-            path = entry / f"{lab}.ipynb"
-            missing = "" if os.path.lexists(path) else f"there is no {lab}.ipynb in the folder"
-            found.append(Submission(entry.name, path, missing))
-        else:
-            wrong = "" if entry.suffix == ".ipynb" else "not a notebook: the name does not end in .ipynb"
-            found.append(Submission(entry.stem, entry, wrong))
-    times = Counter(s.student for s in found)
-    twice = "two submissions have this name; none was graded"
-    return [s if times[s.student] == 1 else Submission(s.student, s.path, twice) for s in found]
+    entries = [e for e in sorted(folder.iterdir()) if not e.name.startswith(".")]
+    names = [e.name if e.is_dir() and not e.is_symlink() else e.stem for e in entries]
+    times = Counter(names)
+    return [_entry(e, name, times[name], lab) for e, name in zip(entries, names, strict=True)]
+
+
+def _entry(entry, name, times, lab):
+    in_folder = entry.is_dir() and not entry.is_symlink()
+    path = entry / f"{lab}.ipynb" if in_folder else entry
+    if times > 1:  # each keeps its full name, so that both have a line and a page
+        full = entry.name + "/" * in_folder
+        return Submission(full, path, f"several submissions are called {name}; none of them was graded")
+    problem = ""
+    if entry.is_symlink():
+        problem = "a symbolic link is not accepted"
+    elif in_folder and not os.path.lexists(path):
+        problem = f"there is no {lab}.ipynb in the folder"
+    elif not in_folder and entry.suffix.lower() != ".ipynb":
+        problem = "not a notebook: the name does not end in .ipynb"
+    return Submission(name, path, problem)
 
 
 def read(path: Path) -> Notebook:
     """Read one notebook.
 
+    Nothing in it is transformed here, and nothing but its cells is kept, so the cost is that of parsing
+    JSON: a large file, which may be a bomb, is parsed in a process of its own with limits.
+
     Raises
     ------
     Unreadable : not a regular file, too large, not UTF-8, not a notebook
     """
+    text = _text(path)
+    cells = reading.cells(text) if len(text) <= AT_HOME else _cells_apart(text)
+    code = [source for kind, source, _ in cells if kind == "code"]
+    return Notebook(code, {name: source for kind, source, name in cells if kind == "markdown" and name})
+
+
+def _cells_apart(text):
+    command = [sys.executable, "-I", "-S", "-B", reading.__file__]
     try:
-        notebook = nbformat.reader.reads(_text(path))  # without validation: that is for honest authors
-        if notebook.get("nbformat") != 4:
-            notebook = nbformat.convert(notebook, 4)
-        cells = [(c["cell_type"], _source(c), c.get("metadata", {})) for c in notebook["cells"]]
-    except Unreadable:
-        raise
-    except Exception as error:  # nbformat lets many kinds through, and a bad file must never stop a class
-        raise Unreadable(f"not a notebook that can be read ({type(error).__name__})") from error
-    if len(cells) > MAX_CELLS:
-        raise Unreadable(f"more than {MAX_CELLS} cells")
-    code = [plain_python(source) for kind, source, _ in cells if kind == "code"]
-    return Notebook(code, dict(_texts(cells)))
+        done = subprocess.run(command, input=text, capture_output=True, timeout=60, check=True)
+        answer = json.loads(done.stdout)
+    except (subprocess.SubprocessError, ValueError) as error:
+        raise Unreadable("reading this file needs too much time or memory") from error
+    if "problem" in answer:
+        raise Unreadable(answer["problem"])
+    return answer["cells"]
 
 
 def _text(path):
@@ -98,34 +107,5 @@ def _text(path):
         if not stat.S_ISREG(about.st_mode):
             raise Unreadable("not a regular file")
         if about.st_size > MAX_FILE:
-            raise Unreadable(f"larger than {MAX_FILE >> 20} MB")
-        try:
-            return file.read(MAX_FILE + 1).decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise Unreadable("not UTF-8 text") from error
-
-
-def _source(cell):
-    source = cell.get("source", "")
-    if not isinstance(source, str) or len(source) > MAX_CELL:
-        raise Unreadable(f"a cell is not text, or longer than {MAX_CELL} characters")
-    return source
-
-
-def _texts(cells):
-    for kind, source, about in cells:
-        mark = about.get("nbgrader") if isinstance(about, dict) else None
-        if kind == "markdown" and isinstance(mark, dict) and isinstance(mark.get("grade_id"), str):
-            yield mark["grade_id"], source
-
-
-def plain_python(source: str) -> str:
-    """A cell's code with IPython's magics and shell lines turned into calls, which do nothing in the box."""
-    if not any(sign in source for sign in "%!?"):
-        return source
-    if source.lstrip().startswith(("%%time", "%%capture")):  # these run their cell, and so do we
-        source = source.lstrip().partition("\n")[2]
-    try:
-        return TransformerManager().transform_cell(source)
-    except Exception:  # it will fail in the box, with the error its author knows
-        return source
+            raise Unreadable(f"larger than {MAX_FILE >> 20} MB: clear the outputs, and hand in again")
+        return file.read(MAX_FILE)

@@ -13,6 +13,7 @@ import os
 import resource
 import select
 import signal
+import stat
 import sys
 import time
 from pathlib import Path
@@ -36,13 +37,87 @@ def resident(pid, shared):
         return 0
 
 
+def others():
+    """Every process of the box but this one; /proc shows no other."""
+    return [int(p) for p in os.listdir("/proc") if p.isdigit() and int(p) != os.getpid()]
+
+
 def too_much_memory(most):
-    """Whether all processes but this one hold more than so many bytes; /proc shows the box only."""
-    pids = [int(p) for p in os.listdir("/proc") if p.isdigit() and int(p) != os.getpid()]
-    return all(sum(resident(pid, shared) for pid in pids) > most for shared in (True, False))
+    """Whether all processes but this one hold more than so many bytes, files in memory included."""
+    pids = others()
+    unmapped = memory_files(pids) + segments()
+    return all(sum(resident(pid, shared) for pid in pids) + unmapped > most for shared in (True, False))
 
 
-def kill_all(pid):
+def memory_files(pids):
+    """Bytes in open files that have no name any more or never had one (memfd), each counted once."""
+    sizes = {}
+    for pid in pids:
+        try:
+            for fd in os.listdir(f"/proc/{pid}/fd"):
+                about = os.stat(f"/proc/{pid}/fd/{fd}")
+                if about.st_nlink == 0 and stat.S_ISREG(about.st_mode):
+                    sizes[about.st_dev, about.st_ino] = about.st_blocks * 512
+        except OSError:  # it has ended, or it hides; then what a process may open bounds it
+            continue
+    return sum(sizes.values())
+
+
+def segments():
+    """Bytes in System V shared memory, attached or not."""
+    try:
+        with open("/proc/sysvipc/shm") as file:
+            names = file.readline().split()
+            return sum(int(line.split()[names.index("rss")]) for line in file)
+    except (OSError, ValueError):
+        return 0
+
+
+def too_many_files(most):
+    """Whether the folders in memory hold more than so many files, which cost memory even when empty."""
+    counts = [os.statvfs(folder) for folder in ("/tmp", "/dev/shm")]
+    return sum(c.f_files - c.f_ffree for c in counts) > most
+
+
+class Meter:
+    """CPU seconds of the box, and for how long it has been waiting.
+
+    Waiting is wall time in which no process could run and none has used the processor, so a busy machine,
+    on which processes are ready and get no turn, does not look like a hang.
+    """
+
+    EVERY = 0.25
+    TICK = 1 / os.sysconf("SC_CLK_TCK")
+
+    def __init__(self):
+        self.seen, self.used, self.waited, self.at = {}, 0.0, 0.0, time.monotonic()
+
+    def look(self):
+        """Look at the processes, unless that was a moment ago; return whether it did."""
+        now = time.monotonic()
+        if now - self.at < self.EVERY:
+            return False
+        reaped = resource.getrusage(resource.RUSAGE_CHILDREN)
+        ready, whole = False, (reaped.ru_utime + reaped.ru_stime) / self.TICK
+        for pid in others():
+            try:
+                with open(f"/proc/{pid}/stat", "rb") as file:
+                    fields = file.read().rpartition(b")")[2].split()
+            except OSError:
+                continue
+            user, system, childrens, childrens_system = map(int, fields[11:15])
+            ready |= fields[0] == b"R"
+            self.seen[pid, fields[19]] = user + system  # 19: when it started, so that an id counts anew
+            whole += user + system + childrens + childrens_system
+        before = self.used
+        self.used = max(self.used, self.TICK * max(whole, sum(self.seen.values())))
+        if not ready and self.used - before < 1.5 * self.TICK:
+            self.waited += min(now - self.at, 2 * self.EVERY)
+        self.at = now
+        return True
+
+
+def kill_all(pid, job, question):
     """End the child and everything it started; return what became of it, in words."""
     became = "ended the process"
     try:
@@ -58,17 +133,19 @@ def kill_all(pid):
         except ChildProcessError:
             return became
         if gone == pid:
-            became = meaning(status)
+            became = meaning(status, job, question)
 
 
 class Watch:
-    """What the warden knows of one attempt: where it is, what it said, when it said it last."""
+    """What the warden knows of one attempt: where it is, what it said, how long it has been waiting."""
 
-    def __init__(self, job):
+    def __init__(self, job, meter, end):
         self.job, self.lines, self.buffer, self.said = job, [], b"", 0
         self.cell = self.question = None
-        self.over = False
+        self.over = self.late = False
+        self.meter, self.end = meter, end
         self.heard = time.monotonic()
+        self.waited, self.used = meter.waited, meter.used  # when this attempt, cell or question began
 
     def hear(self, data, reply):
         """Take bytes from the child; `reply` sends the questions once the cells are done."""
@@ -77,11 +154,12 @@ class Watch:
         for raw in whole:
             try:
                 line = json.loads(raw)
-                self.heard = time.monotonic()
                 if "begin" in line:
                     self.cell = int(line["begin"])
+                    self.used = self.meter.used
                 elif "asking" in line:
                     self.question = str(line["asking"])
+                    self.used = self.meter.used
                 elif line.get("cells") == "done":
                     self.cell = None
                     reply()
@@ -89,21 +167,40 @@ class Watch:
                     self.over = True
                 elif "cell" in line or line.get("question") == self.question:
                     self.lines.append(raw)
+                else:
+                    continue
+                self.heard = time.monotonic()
             except Exception:  # not a line of ours: a cell wrote it, and it earns nothing
                 continue
 
     def trouble(self):
         """Why the child must end now, or None."""
-        if time.monotonic() - self.heard > self.job["wall"]:
-            return "waited without end and was stopped"
-        if self.said > self.job["max_bytes"]:
+        job = self.job
+        if self.said > job["max_bytes"]:
             return "said too much and was stopped"
-        if os.getpid() == 1 and too_much_memory(self.job["total_memory"]):
-            return "used too much memory and was stopped"
+        if time.monotonic() > self.end:
+            self.late = True
+            return f"was running when the notebook's {job['total_wall']} s were over"
+        if os.getpid() != 1:  # without a box there is no telling whose processes there are
+            hung = time.monotonic() - self.heard > job["wall"]
+            return f"waited {job['wall']} s without end and was stopped" if hung else None
+        if not self.meter.look():
+            return None
+        if self.meter.waited - self.waited > job["wall"]:
+            return f"waited {job['wall']} s without end and was stopped"
+        most = 1.5 * (job["question_cpu"] if self.cell is None else job["cell_cpu"])
+        if self.meter.used - self.used > most:
+            return f"used more than {most:g} s of processor time with its processes and was stopped"
+        if self.meter.used > job["box_cpu"]:
+            return f"used up the notebook's {job['box_cpu']} s of processor time and was stopped"
+        if too_much_memory(job["total_memory"]):
+            return f"used more than {job['total_memory'] >> 20} MB of memory and was stopped"
+        if too_many_files(job["files"]):
+            return f"made more than {job['files']} files and was stopped"
         return None
 
 
-def attempt(job, dropped, questions):
+def attempt(job, dropped, questions, meter, end):
     """Run every cell but the dropped ones, then ask the questions; return (watch, why it ended)."""
     (read_end, write_end), (ask_read, ask_write) = os.pipe(), os.pipe()
     pid = os.fork()
@@ -114,7 +211,7 @@ def attempt(job, dropped, questions):
         child(job, dropped, write_end, ask_read)
     os.close(write_end)
     os.close(ask_read)
-    watch, why = Watch(job), None
+    watch, why = Watch(job, meter, end), None
     send = (json.dumps(questions) + "\n").encode()
 
     def reply():
@@ -132,7 +229,7 @@ def attempt(job, dropped, questions):
             watch.hear(data, reply)
         elif os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT):
             break
-    became = kill_all(pid)
+    became = kill_all(pid, job, watch.cell is None)
     os.close(read_end)
     os.close(ask_write)
     return watch, why or became
@@ -149,7 +246,7 @@ def limit(job):
     for what, most in (
         (resource.RLIMIT_AS, job["memory"]),
         (resource.RLIMIT_FSIZE, job["file_size"]),
-        (resource.RLIMIT_NOFILE, 128),
+        (resource.RLIMIT_NOFILE, job["open_files"]),
         (resource.RLIMIT_CORE, 0),
     ):
         resource.setrlimit(what, (most, most))
@@ -167,11 +264,14 @@ def main():
     import numpy as np  # imported once, shared by every child
 
     np.zeros(1)
-    dropped, open_questions, said = set(), job["questions"], []
+    dropped, open_questions, said, meter = set(), job["questions"], [], Meter()
+    end = time.monotonic() + job["total_wall"]
     for _ in range(job["attempts"]):
-        watch, why = attempt(job, dropped, open_questions)
+        watch, why = attempt(job, dropped, open_questions, meter, end)
         said += watch.lines
-        if watch.over:
+        if watch.late:
+            said.append(b'{"box": "late"}')
+        if watch.over or watch.late:
             break
         if watch.cell is not None and watch.cell not in dropped:
             dropped.add(watch.cell)

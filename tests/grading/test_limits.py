@@ -1,0 +1,169 @@
+"""One submission takes neither the class's time, nor its memory, nor another student's marks."""
+
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pendulab.grading import cli, sandbox
+from pendulab.grading.grade import Grader
+from pendulab.grading.runner import plain_python
+from pendulab.grading.submissions import Submission, Unreadable, find, read
+
+ROOT = Path(__file__).resolve().parents[2]
+NAME = "lab02_jacobian_and_prediction"
+SHORT = replace(
+    sandbox.STANDARD, cell_cpu=2, call_cpu=1, question_cpu=3, total_cpu=5, wall=20, total_memory=600 << 20
+)
+
+
+def notebook(*sources, **more):
+    cells = [{"cell_type": "code", "source": s, "metadata": {}, "outputs": []} for s in sources]
+    return json.dumps({"nbformat": 4, "nbformat_minor": 5, "metadata": {}, "cells": cells} | more)
+
+
+def test_a_cell_full_of_magics_costs_the_class_no_time(tmp_path):
+    (tmp_path / "zed.ipynb").write_text(notebook("%a\n" * 499 + "x=1\n" * 49_000))
+    began = time.process_time()
+    assert len(read(tmp_path / "zed.ipynb").cells) == 1
+    assert time.process_time() - began < 0.5
+
+
+def test_magics_are_taken_out_in_one_pass():
+    began = time.process_time()
+    plain = plain_python("%a\n" * 20_000 + "x=1\n" * 30_000)
+    assert time.process_time() - began < 2 and compile(plain, "cell", "exec")
+
+
+@pytest.mark.parametrize("item", ["{}", "[]", '"ab"', "999", "1.5"])
+def test_a_bomb_of_json_takes_no_memory_of_the_grader(item, tmp_path):
+    path = tmp_path / "bomb.ipynb"
+    path.write_text(notebook("x = 1", metadata=0)[:-1] + ', "a": [' + ",".join([item] * 900_000) + "]}")
+    code = (
+        "import sys, resource\nfrom pathlib import Path\nfrom pendulab.grading.submissions import read\n"
+        "most = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\nbefore = most()\n"
+        "assert read(Path(sys.argv[1])).cells == ['x = 1']\nprint(most() - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 60_000  # kB
+
+
+def test_a_notebook_of_more_than_5_mb_is_refused(tmp_path):
+    (tmp_path / "big.ipynb").write_text(notebook("x = 1") + " " * (5 << 20))
+    with pytest.raises(Unreadable, match="clear the outputs"):
+        read(tmp_path / "big.ipynb")
+
+
+def test_a_stopped_run_keeps_what_it_has_graded(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    for name in ("ada", "ben"):
+        (tmp_path / "in" / f"{name}.ipynb").write_text("no notebook")
+    whole = Grader.grade_all
+
+    def stops(self, *arguments):
+        yield next(whole(self, *arguments))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Grader, "grade_all", stops)
+    monkeypatch.setattr(Grader, "check", lambda self: None)
+    command = ["grade", str(tmp_path / "in"), str(tmp_path / "out"), "--solutions", str(ROOT / "solutions")]
+    with pytest.raises(KeyboardInterrupt):
+        cli.main(command)
+    assert "unreadable" in (tmp_path / "out" / "gradebook.csv").read_text()
+
+
+SPINNERS = """
+import os, time
+for _ in range(30):
+    try:
+        if os.fork() == 0:
+            os.setsid()
+            while True: pass
+    except OSError: break
+end = time.time() + 100
+while time.time() < end:
+    time.sleep(0.5)
+    for f in range(3, 20):
+        try: os.write(f, b'{"x": 1}\\n')
+        except OSError: pass
+"""
+SLOW = """
+import time
+began = time.process_time()
+while time.process_time() - began < 1.5: pass
+"""
+
+
+def test_a_slow_right_answer_keeps_its_marks_beside_one_that_takes_the_processor(
+    lab, student, answers, tmp_path, bubblewrap
+):
+    honest = {"acceleration": SLOW + answers["acceleration"]}
+    (tmp_path / "mallory.ipynb").write_text(json.dumps(student(before=[SPINNERS])))
+    (tmp_path / "victim.ipynb").write_text(json.dumps(student(honest)))
+    grader = Grader(lab, 12, replace(SHORT, wall=2))  # with news alone it would be dropped
+    began = time.monotonic()
+    results = {r.student: r for r in grader.grade_all(find(tmp_path, NAME), jobs=2)}
+    assert time.monotonic() - began < 60
+    assert results["victim"].points == 15 and not results["victim"].notes
+    assert results["mallory"].points == 0 and "processor time" in results["mallory"].notes[0]
+
+
+def test_junk_is_no_news_and_a_hang_ends(bubblewrap):
+    junk = "import os, time\nwhile True:\n    time.sleep(0.2)\n    for f in range(3, 20):\n"
+    junk += "        try: os.write(f, b'{\"x\": 1}\\n')\n        except OSError: pass"
+    began = time.monotonic()
+    raw = sandbox.run([junk, "x = 1"], [], ("numpy",), replace(SHORT, wall=2))
+    assert b"waited 2 s" in raw and time.monotonic() - began < 20
+
+
+def test_a_submission_whose_wall_time_ran_out_is_graded_again_alone(
+    lab, student, answers, tmp_path, bubblewrap
+):
+    wait = "import time\ntime.sleep(4)\n"
+    (tmp_path / "late.ipynb").write_text(
+        json.dumps(student({"acceleration": wait + answers["acceleration"]}))
+    )
+    grader = Grader(lab, 12, replace(SHORT, total_wall=3))
+    first = grader.grade(Submission("late", tmp_path / "late.ipynb"))
+    assert first.late and first.points == 0
+    (final,) = grader.grade_all(find(tmp_path, NAME), jobs=2)
+    assert not final.late and final.points == 15
+
+
+MEMORY = {
+    "memfd": """
+import os, time
+keep = []
+for _ in range(200):
+    try:
+        keep.append(os.memfd_create('a'))
+        for _ in range(7): os.write(keep[-1], bytes(1 << 20))
+    except OSError: break
+""",
+    "shared memory without a name": """
+import os, time
+for n in range(40):
+    fd = os.open(f'/dev/shm/{n}', os.O_CREAT | os.O_RDWR)
+    os.unlink(f'/dev/shm/{n}')
+    try: os.write(fd, bytes(7 << 20))
+    except OSError: break
+""",
+}
+
+
+@pytest.mark.parametrize("how", MEMORY)
+def test_memory_that_nobody_maps_counts(how, bubblewrap):
+    cell = MEMORY[how] + "\ntime.sleep(3)\nassert 0, 'still here'"
+    raw = sandbox.run([cell, "x = 1"], [], ("numpy",), replace(SHORT, total_memory=60 << 20))
+    assert b"of memory" in raw and b"still here" not in raw
+
+
+def test_files_that_cost_memory_although_empty_are_counted(bubblewrap):
+    cell = "import os\nfor n in range(200_000): os.close(os.open(f'/tmp/{n}', os.O_CREAT))\n"
+    cell += "assert 0, 'still here'"
+    raw = sandbox.run([cell, "x = 1"], [], ("numpy",), replace(SHORT, cell_cpu=20))
+    assert b"files and was stopped" in raw and b"still here" not in raw
