@@ -148,7 +148,7 @@ def test_machine_paths_are_recognised():
         and MACHINE.search("file:///root/x")
         and MACHINE.search("/builds/x")
     )
-    assert not MACHINE.search("src/pendulab/work/flow") and not MACHINE.search(
+    assert not MACHINE.search("src/pendulab/builds/flow") and not MACHINE.search(
         "https://example.org/homework/"
     )
 
