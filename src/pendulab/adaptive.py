@@ -22,8 +22,8 @@ import numpy as np
 
 from . import ekf
 from .gaussian import Gaussian
-from .kalman import Update, observed
-from .linalg import Array, T, matvec, symmetrised
+from .kalman import Update
+from .linalg import Array, T, matvec, sandwich, symmetrised
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class _Windowed(Scheme):
 
     def _remember(self, memory: Memory, square: Array, z: Array) -> Memory:
         """Take in one term, unless a component of the measurement is missing."""
-        complete = observed(z).all(axis=-1)
+        complete = ~np.isnan(z).any(axis=-1)
         square = np.where(complete[..., None, None], square, 0.0)
         return replace(memory, squares=memory.squares.push(square), counts=memory.counts.push(1.0 * complete))
 
@@ -263,7 +263,7 @@ class sage_husa_R(Scheme):
             raise ValueError(f"forgetting: expected a number between 0 and 1, got {self.forgetting!r}")
 
     def learn(self, predicted: Gaussian, update: Update, z: Array, sensor, memory: Memory) -> Memory:
-        complete = observed(z).all(axis=-1)
+        complete = ~np.isnan(z).any(axis=-1)
         count = memory.degrees + complete
         d = (1 - self.forgetting) / (1 - self.forgetting ** (count + 1.0))
         d = np.where(complete, d, 0.0)[..., None, None]
@@ -301,7 +301,7 @@ class variational_R(Scheme):
     def update(
         self, predicted: Gaussian, z: Array, sensor, memory: Memory, **options
     ) -> tuple[Update, Memory]:
-        complete = observed(z).all(axis=-1)
+        complete = ~np.isnan(z).any(axis=-1)
         spread, degrees = self.forgetting * memory.spread, self.forgetting * memory.degrees
         new_degrees, R = degrees + complete, memory.R
         for _ in range(self.sweeps):
@@ -316,7 +316,7 @@ def residual_square(update: Update, z: Array, sensor) -> Array:
     x, P = update.posterior
     H = sensor.jacobian(x)
     residual = np.nan_to_num(sensor.residual(z, sensor.h(x)))
-    return symmetrised(outer(residual) + H @ P @ T(H))
+    return outer(residual) + sandwich(H, P)
 
 
 def outer(v: Array) -> Array:

@@ -22,10 +22,12 @@ def wrap(angle: Array | float) -> Array:
 
 def residual(a: Array, b: Array, is_angle: Array) -> Array:
     """a − b (..., n), wrapped to [-π, π] where ``is_angle`` (n,) says so."""
-    difference = np.asarray(a, dtype=float) - np.asarray(b, dtype=float)
-    if not np.any(is_angle):
-        return difference
-    return np.where(is_angle, wrap(difference), difference)
+    difference = np.subtract(a, b, dtype=float)
+    for i in np.flatnonzero(is_angle):
+        turns = np.rint(difference[..., i] / (2 * np.pi))
+        if turns.any():
+            difference[..., i] -= 2 * np.pi * turns
+    return difference
 
 
 def mean(points: Array, weights: Array, is_angle: Array) -> Array:

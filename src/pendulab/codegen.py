@@ -1,11 +1,14 @@
 """SymPy expressions to fast NumPy code, and a cache of that code which checks itself.
 
 One generated function serves two speeds. Its body is straight-line arithmetic, so the same source runs on
-Python floats with `math` (one track) and on arrays with `numpy` (many tracks).
+Python floats with `math` (one track) and on arrays with `numpy` (many tracks). What depends on
+parameters alone is computed once, when the parameters are bound.
 """
 
 from __future__ import annotations
 
+import ast
+import functools
 import hashlib
 import json
 import math
@@ -21,24 +24,50 @@ import numpy as np
 if TYPE_CHECKING:
     import sympy as sp
 
+Function = Callable[[Sequence, Sequence], tuple]  # (x, u) to a tuple of numbers or arrays
+
+
+def _sincos(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sine and cosine of an array from the tangent of half of it: one slow function instead of two."""
+    t = np.tan(0.5 * angle)
+    square = t * t
+    share = 1 / (1 + square)
+    return 2 * t * share, (1 - square) * share
+
+
 _FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "atan2", "tanh", "hypot")
-_SCALAR = {name: getattr(math, name) for name in _FUNCTIONS}
-_ARRAY = {name: getattr(np, name) for name in _FUNCTIONS}
+_SCALAR = {name: getattr(math, name) for name in _FUNCTIONS} | {
+    "sincos": lambda angle: (math.sin(angle), math.cos(angle))
+}
+_ARRAY = {name: getattr(np, name) for name in _FUNCTIONS} | {"sincos": _sincos}
 
 
 class Generated:
-    """Compiled functions ``name(x, u, p) -> tuple of numbers or arrays`` of one derivation.
+    """Compiled functions of one derivation: ``name(p)`` binds parameters and gives ``(x, u) -> tuple``.
 
-    ``scalar[name]`` works on sequences of floats, ``array[name]`` on sequences of arrays that broadcast.
+    ``scalar[name]`` is for Python floats, ``array[name]`` for arrays that broadcast. ``constant[name]`` has
+    one entry an output: the number that it always is, or None.
     """
 
     def __init__(self, source: str):
         self.source = source
-        self.scalar: dict[str, Callable] = _execute(source, _SCALAR)
-        self.array: dict[str, Callable] = _execute(source, _ARRAY)
+        self.scalar: dict[str, Callable[[Sequence], Function]] = execute(source, _SCALAR)
+        self.array: dict[str, Callable[[Sequence], Function]] = execute(source, _ARRAY)
+
+    @functools.cached_property
+    def constant(self) -> dict[str, tuple[float | None, ...]]:
+        outputs = {}
+        for maker in ast.parse(self.source).body:
+            returned = next(node for node in ast.walk(maker) if isinstance(node, ast.Return)
+                            and isinstance(node.value, ast.Tuple))
+            outputs[maker.name] = tuple(
+                entry.value if isinstance(entry, ast.Constant) else None for entry in returned.value.elts
+            )
+        return outputs
 
 
-def _execute(source: str, names: Mapping[str, Callable]) -> dict[str, Callable]:
+def execute(source: str, names: Mapping[str, Callable]) -> dict[str, Callable]:
+    """The functions that a generated text defines, with these names in its sight."""
     room = dict(names)
     exec(compile(source, "<pendulab generated>", "exec"), room)  # our own text: see `load`
     return {name: f for name, f in room.items() if callable(f) and name not in names}
@@ -51,21 +80,122 @@ def write_function(
     u: Sequence[sp.Symbol],
     p: Sequence[sp.Symbol],
 ) -> str:
-    """Source of ``def name(x, u, p)`` that returns the outputs as a tuple, common subexpressions
-    taken out.
+    """Source of ``def name(p)``, which returns a function of (x, u) that returns the outputs as a tuple.
+
+    Common subexpressions are taken out, sine and cosine of one argument are asked for together, and what
+    depends on parameters alone stands outside the inner function.
     """
-    import sympy as sp
+    doprint = _printer().doprint
+    lines = _StraightLines({*x, *u})
+    results = lines.settle_all(list(outputs))
+    used = set().union(*(e.free_symbols for _, e in (*lines.fixed, *lines.moving)), *(e.free_symbols for e in results))
+    # A state may be called x, and must not shadow the states: hence the underscores.
+    text = [f"def {name}(p_):"]
+    text += [f"    {s.name} = p_[{i}]" for i, s in enumerate(p) if s in used]
+    text += [f"    {target} = {doprint(e)}" for target, e in lines.fixed]
+    text += ["    def at(x_, u_):"]
+    for argument, symbols in (("x_", x), ("u_", u)):
+        text += [f"        {s.name} = {argument}[{i}]" for i, s in enumerate(symbols) if s in used]
+    text += [f"        {target} = {doprint(e)}" for target, e in lines.moving]
+    text += [f"        return ({' '.join(doprint(e) + ',' for e in results)})", "    return at"]
+    return "\n".join(text) + "\n"
+
+
+@functools.cache
+def _printer():
     from sympy.printing.pycode import PythonCodePrinter
 
-    printer = PythonCodePrinter({"fully_qualified_modules": False})
-    used = set().union(*(e.free_symbols for e in outputs)) if outputs else set()
-    shared, results = sp.cse(list(outputs), symbols=sp.numbered_symbols("s_"), order="none")
-    lines = [f"def {name}(x_, u_, p_):"]  # a state may be called x, and must not shadow the states
-    for argument, symbols in (("x_", x), ("u_", u), ("p_", p)):
-        lines += [f"    {s.name} = {argument}[{i}]" for i, s in enumerate(symbols) if s in used]
-    lines += [f"    {s} = {printer.doprint(e)}" for s, e in shared]
-    lines.append(f"    return ({' '.join(printer.doprint(e) + ',' for e in results)})")
-    return "\n".join(lines) + "\n"
+    class Printer(PythonCodePrinter):
+        def _print_Pow(self, expr, rational=False):
+            if expr.base.is_Symbol and expr.exp in (2, 3):  # on Python floats ** costs three products
+                return f"({'*'.join([expr.base.name] * int(expr.exp))})"
+            return super()._print_Pow(expr, rational)
+
+    return Printer({"fully_qualified_modules": False, "user_functions": {"sincos": "sincos"}})
+
+
+class _StraightLines:
+    """Assignments, each after those that it needs, sorted into what moves (with x or u) and what is fixed."""
+
+    def __init__(self, moving: set[sp.Symbol]):
+        self.moving_symbols = moving
+        self.fixed: list[tuple[str, sp.Expr]] = []
+        self.moving: list[tuple[str, sp.Expr]] = []
+        self.needs: dict[sp.Symbol, sp.Expr] = {}
+        self.partners: dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]] = {}
+        self.set_apart: dict[sp.Expr, sp.Symbol] = {}
+
+    def settle_all(self, outputs: list[sp.Expr]) -> list[sp.Expr]:
+        """The outputs in terms of the assignments, which are made on the way."""
+        import sympy as sp
+
+        angles = _sines_with_cosines(outputs)
+        pairs = [tuple(sp.symbols(f"sin_{i} cos_{i}")) for i in range(len(angles))]
+        known = {f(a): s for a, pair in zip(angles, pairs, strict=True)
+                 for f, s in zip((sp.sin, sp.cos), pair, strict=True)}
+        names = sp.numbered_symbols("s_")
+        shared, found = sp.cse([*(e.xreplace(known) for e in outputs), *angles], symbols=names, order="none")
+        self.needs |= dict(shared)
+        for angle, pair in zip(found[len(outputs) :], pairs, strict=True):
+            self.needs |= dict.fromkeys(pair, angle)
+            self.partners |= dict.fromkeys(pair, pair)
+        return [self._settle(e) for e in found[: len(outputs)]]
+
+    def _settle(self, e: sp.Expr) -> sp.Expr:
+        """The expression, with all that it needs assigned and its fixed parts set apart."""
+        import sympy as sp
+
+        for symbol in sorted(e.free_symbols, key=str):
+            if symbol in self.needs:
+                self._assign(symbol, self.needs.pop(symbol))
+        moving = self.moving_symbols & e.free_symbols
+        if e.is_Add and moving:
+            e = sp.collect(e, sorted(moving, key=str))
+        return self._fixed_parts_apart(e) if moving else e
+
+    def _assign(self, symbol: sp.Symbol, e: sp.Expr) -> None:
+        import sympy as sp
+
+        e, targets = self._settle(e), (symbol,)
+        moves = bool(self.moving_symbols & e.free_symbols)
+        if symbol in self.partners:
+            targets = self.partners[symbol]
+            e = sp.Function("sincos")(e)
+            for target in targets:
+                self.needs.pop(target, None)
+        if moves:
+            self.moving_symbols.update(targets)
+        (self.moving if moves else self.fixed).append((", ".join(s.name for s in targets), e))
+
+    def _fixed_parts_apart(self, e: sp.Expr) -> sp.Expr:
+        if not e.args:
+            return e
+        moving = self.moving_symbols & e.free_symbols
+        if not moving:
+            return self._name(e)
+        if not (e.is_Add or e.is_Mul):
+            return e.func(*(self._fixed_parts_apart(a) for a in e.args))
+        still, rest = e.as_independent(*moving, as_Add=e.is_Add)
+        terms = rest.args if rest.func == e.func else (rest,)
+        return e.func(self._name(still) if still.args else still, *(self._fixed_parts_apart(a) for a in terms))
+
+    def _name(self, e: sp.Expr) -> sp.Expr:
+        import sympy as sp
+
+        if e.is_number:
+            return e
+        if e not in self.set_apart:
+            self.set_apart[e] = sp.Symbol(f"p_{len(self.set_apart)}")
+            self.fixed.append((self.set_apart[e].name, e))
+        return self.set_apart[e]
+
+
+def _sines_with_cosines(outputs: Sequence[sp.Expr]) -> list[sp.Expr]:
+    """Arguments of which both are asked for, in a fixed order."""
+    import sympy as sp
+
+    sines, cosines = ({f.args[0] for e in outputs for f in e.atoms(kind)} for kind in (sp.sin, sp.cos))
+    return sorted((a for a in sines & cosines if not a.has(sp.sin, sp.cos)), key=str)
 
 
 # ------------------------------------------------------------------------------------------- the cache
@@ -113,7 +243,7 @@ def _key(sources: Sequence[Path]) -> str:
 def _probe_values(generated: Generated, probe: Sequence[int]) -> dict[str, list[float]]:
     """Every function at one fixed, generic point (no special angles, all parameters positive)."""
     x, u, p = ([0.3 + 0.17 * i + 0.05 * (i % 3) for i in range(count)] for count in probe)
-    return {name: [float(value) for value in f(x, u, p)] for name, f in generated.scalar.items()}
+    return {name: [float(value) for value in make(p)(x, u)] for name, make in generated.scalar.items()}
 
 
 def _read(path: Path, probe: Sequence[int]) -> Generated | None:

@@ -9,15 +9,19 @@ linearises a different map from the one it propagates.
 
 from __future__ import annotations
 
+import functools
 import numbers
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from .bound import Bound
+from .codegen import Generated, execute
 from .linalg import Array
 from .linear_model import ExactModel, Tangent, exact, exact_foh
 from .system import System, unknown_name
+from .unroll import Recorder, Unknown, unroll
 
 Rate = Callable[[Array], Array]
 
@@ -62,19 +66,14 @@ class Model:
 
     def step(self, x: Array, u: Array | None = None) -> Array:
         """The state dt later (..., n), with u (..., m) held constant (None: zero)."""
-
-        def rate(s: Array) -> Array:
-            return self.system.f(s[..., 0], u)[..., None]
-
-        return self._advance(rate, np.asarray(x)[..., None])[..., 0]
+        return self.system.evaluate(self._functions["step"], (self.n,), x, u)
 
     def tangent(self, x: Array, u: Array | None = None) -> Tangent:
         """The step together with its Jacobian, for little more than the Jacobian alone (book:
         eq-rk4-tangent).
         """
-        x = np.asarray(x, dtype=float)
-        stepped = self._vary(x, u, np.eye(self.n), None)
-        return Tangent(stepped[..., 0], stepped[..., 1:])
+        both = self.system.evaluate(self._functions["tangent"], (1 + self.n, self.n), x, u)
+        return Tangent(both[..., 0, :], both[..., 1:, :])
 
     def jacobian(self, x: Array, u: Array | None = None) -> Array:
         """F = ∂x'/∂x (..., n, n), the derivative of `step` itself."""
@@ -82,28 +81,59 @@ class Model:
 
     def input_jacobian(self, x: Array, u: Array | None = None) -> Array:
         """G = ∂x'/∂u (..., n, m)."""
-        x = np.asarray(x, dtype=float)
-        return self._vary(x, u, np.zeros((self.n, self.m)), np.eye(self.m))[..., 1:]
+        return self.system.evaluate(self._functions["input_jacobian"], (self.n, self.m), x, u)
 
-    def _vary(self, x: Array, u: Array | None, dx: Array, du: Array | None) -> Array:
-        """Advance the state with variations of it (columns 1 to k) under variations of the input."""
-        lead = np.broadcast_shapes(x.shape[:-1], np.shape(u)[:-1] if u is not None else (), self.runs)
-        s = np.empty((*lead, self.n, 1 + dx.shape[-1]))
-        s[..., 0], s[..., 1:] = x, dx
+    @functools.cached_property
+    def _functions(self) -> dict[str, Bound]:
+        code, system, dt = self.system.code, self.system, self.dt
+        unrolled = _unrolled(code, system.n, system.m, self.method, system.velocity_of)
+
+        def maker(name: str, speed: str) -> Callable:
+            rates = getattr(code, speed)
+            return lambda values: unrolled[name]({rate: make(values) for rate, make in rates.items()}, dt)
+
+        return {name: Bound(maker(name, "scalar"), maker(name, "array"), system.values) for name in unrolled}
+
+    def __getstate__(self) -> dict:
+        """What pickle sends to another process: the description; code is made there again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+@functools.cache
+def _unrolled(code: Generated, n: int, m: int, method: str, velocity_of: tuple) -> dict[str, Callable]:
+    """The step of a method and its derivatives as straight-line code: the method is run once, on unknowns."""
+
+    def advanced(recorder: Recorder, x: Array, dt: Unknown, dx: Array, du: Array) -> Array:
+        """The state (column 0) and its variations after one step."""
 
         def rate(s: Array) -> Array:
-            x = s[..., 0]
             out = np.empty_like(s)
-            out[..., 0], A = self.system.linearised(x, u)
-            np.matmul(A, s[..., 1:], out=out[..., 1:])
-            if du is not None:
-                out[..., 1:] += self.system.jacobian_u(x, u) @ du
+            if not s[:, 1:].size:
+                out[:, 0] = recorder.call("f", s[:, 0], code.constant["f"])
+                return out
+            both = np.array(recorder.call("linearised", s[:, 0], code.constant["linearised"])).reshape(n, 1 + n)
+            out[:, 0], A = both[:, 0], both[:, 1:]
+            out[:, 1:] = A @ s[:, 1:]
+            if du.any():
+                B = np.array(recorder.call("jacobian_u", s[:, 0], code.constant["jacobian_u"])).reshape(n, m)
+                out[:, 1:] = out[:, 1:] + B @ du
             return out
 
-        return self._advance(rate, s)
+        s = np.column_stack([x, dx]).astype(object)
+        return _METHODS[method](rate, s, dt, velocity_of)
 
-    def _advance(self, rate: Rate, s: Array) -> Array:
-        return _METHODS[self.method](rate, s, self.dt, self.system.velocity_of)
+    def step(recorder, x, dt):
+        return advanced(recorder, x, dt, np.zeros((n, 0), int), np.zeros((0, 0), int))[:, 0]
+
+    def tangent(recorder, x, dt):
+        s = advanced(recorder, x, dt, np.eye(n, dtype=int), np.zeros((m, n), int))
+        return np.concatenate([s[:, 0], s[:, 1:].ravel()])
+
+    def input_jacobian(recorder, x, dt):
+        return advanced(recorder, x, dt, np.zeros((n, m), int), np.eye(m, dtype=int))[:, 1:].ravel()
+
+    recorded = (step, tangent, input_jacobian)
+    return execute("\n\n".join(unroll(record.__name__, n, record) for record in recorded), {})
 
 
 def discretize(system: System, dt: float, method: str = "rk4") -> Model | ExactModel:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .linalg import Array, T, cholesky, semidefinite_factor, solve_lower
+from .linalg import Array, T, cholesky, log_det, semidefinite_factor, solve_lower
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -145,8 +145,7 @@ def log_density(errors: Array, cov: Array) -> Array:
     kept = seen[..., :, None] * seen[..., None, :]
     factor = cholesky(np.where(kept > 0, cov, np.eye(cov.shape[-1])), "covariance of a density")
     white = solve_lower(factor, T(np.where(seen[..., None, :] > 0, errors, 0.0)))
-    log_det = 2 * np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
-    constant = log_det + np.sum(seen, axis=-1) * np.log(2 * np.pi)
+    constant = log_det(factor) + np.sum(seen, axis=-1) * np.log(2 * np.pi)
     return -0.5 * (np.sum(white**2, axis=-2) + constant[..., None])
 
 
@@ -155,7 +154,7 @@ def as_matrix(name: str, value: Array | float, n: int) -> Array:
 
     Without this, NumPy would add a scalar or a vector of variances to every row of P.
     """
-    return value if np.shape(value)[-2:] == (n, n) else covariance(name, value, n)
+    return value if getattr(value, "shape", ())[-2:] == (n, n) else covariance(name, value, n)
 
 
 def common_axes(**leads: tuple[int, ...]) -> tuple[int, ...]:

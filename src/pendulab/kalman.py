@@ -5,12 +5,29 @@ Missing components (NaN in z) are skipped: their rows leave the innovation, the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .gaussian import Gaussian, as_matrix
-from .linalg import Array, FilterDiverged, T, cholesky, matvec, solve_gain, solve_lower, symmetrised
+from .linalg import (
+    Array,
+    FilterDiverged,
+    T,
+    cholesky,
+    identity,
+    log_det,
+    matvec,
+    product,
+    sandwich,
+    solve_gain,
+    solve_lower,
+    squared_length,
+    symmetrised,
+)
+
+_LOG_2PI = math.log(2 * math.pi)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,7 +69,7 @@ def predict(belief: Gaussian, model, Q: Array, u: Array | None = None) -> Gaussi
     _refuse_nonlinear(model)
     x, P = belief
     F = model.jacobian(x, u)
-    return Gaussian.trusted(model.step(x, u), symmetrised(F @ P @ T(F) + as_matrix("Q", Q, belief.n)))
+    return Gaussian.trusted(model.step(x, u), sandwich(F, P) + as_matrix("Q", Q, belief.n))
 
 
 def update(belief: Gaussian, z: Array, sensor) -> Update:
@@ -88,71 +105,72 @@ def update_standard(belief: Gaussian, z: Array, sensor) -> Update:
     Parameters and errors are those of `update`.
     """
     joseph = update(belief, z, sensor)
-    I_KH = np.eye(belief.n) - joseph.gain @ sensor.jacobian(belief.mean)
-    posterior = Gaussian.trusted(joseph.posterior.mean, symmetrised(I_KH @ belief.cov))
+    I_KH = identity(belief.n) - product(joseph.gain, sensor.jacobian(belief.mean))
+    posterior = Gaussian.trusted(joseph.posterior.mean, symmetrised(product(I_KH, belief.cov)))
     return replace(joseph, posterior=posterior)
 
 
-def linear_update(belief: Gaussian, y: Array, H: Array, R: Array, seen: Array) -> Update:
+def linear_update(belief: Gaussian, y: Array, H: Array, R: Array, seen: Array | None) -> Update:
     """Condition a belief on an innovation y (..., m) whose sensor has Jacobian H (..., m, n).
 
-    ``seen`` (..., m) is 1 where the component was measured, 0 where it is missing. The
-    covariance (I − K H) P (I − K H)ᵀ + K R Kᵀ stays symmetric and positive for any gain;
-    (I − K H) P does not.
+    ``seen`` is what `observed` says of the measurement. The covariance (I − K H) P (I − K H)ᵀ + K R Kᵀ
+    stays symmetric and positive for any gain; (I − K H) P does not.
     """
     x, P = belief
-    S = symmetrised(H @ P @ T(H) + R)
-    innovation, factor = _without_missing(y, S, seen)
-    K = solve_gain(factor, P @ T(H) * seen[..., None, :])
-    I_KH = np.eye(x.shape[-1]) - K @ H
-    corrected = symmetrised(I_KH @ P @ T(I_KH) + K @ R @ T(K))
+    S = sandwich(H, P) + R
+    innovation, C, factor = _without_missing(y, S, product(P, T(H)), seen)
+    K = solve_gain(factor, C)
+    I_KH = identity(belief.n) - product(K, H)
+    corrected = sandwich(I_KH, P) + sandwich(K, R)
     posterior = Gaussian.trusted(x + matvec(K, innovation), corrected)
     return _finish(posterior, y, S, K, innovation, factor, seen)
 
 
-def moment_update(belief: Gaussian, y: Array, S: Array, C: Array, seen: Array) -> Update:
+def moment_update(belief: Gaussian, y: Array, S: Array, C: Array, seen: Array | None) -> Update:
     """Condition a belief on an innovation with covariance S (..., m, m) and cross covariance C (..., n, m).
 
     For filters that never form H: P⁺ = P − K S Kᵀ.
     """
     x, P = belief
-    innovation, factor = _without_missing(y, S, seen)
-    C = C * seen[..., None, :]
+    innovation, C, factor = _without_missing(y, S, C, seen)
     K = solve_gain(factor, C)
-    posterior = Gaussian.trusted(x + matvec(K, innovation), symmetrised(P - K @ T(C)))
+    posterior = Gaussian.trusted(x + matvec(K, innovation), symmetrised(P - product(K, T(C))))
     return _finish(posterior, y, S, K, innovation, factor, seen)
 
 
-def observed(z: Array) -> Array:
-    """1.0 where a component was measured, 0.0 where it is missing. Asked of z, not of the
-    innovation: that is NaN as well when the state has left the numbers, and a filter must not take
-    its own failure for a missing value.
+def observed(z: Array) -> Array | None:
+    """1.0 where a component (..., m) was measured, 0.0 where it is missing; None if none is missing.
+
+    Asked of z, not of the innovation: that is NaN as well when the state has left the numbers, and a
+    filter must not take its own failure for a missing value.
     """
-    return 1.0 - np.isnan(z)
+    missing = np.isnan(z)
+    return 1.0 - missing if missing.any() else None
 
 
-def _without_missing(y: Array, S: Array, seen: Array) -> tuple[Array, Array]:
-    """Innovation and Cholesky factor as if the missing components had never been asked for.
+def _without_missing(y: Array, S: Array, C: Array, seen: Array | None) -> tuple[Array, Array, Array]:
+    """Innovation, cross covariance and Cholesky factor as if the missing components had never been asked for.
 
     A missing component gets innovation 0 and, in S, a row and a column of the identity: it then
     adds nothing to NIS, determinant or gain, and every run of a batch may miss another one.
     """
-    lost = ~np.isfinite(y) & (seen > 0)
-    if lost.any():
-        raise FilterDiverged("predicted measurement", run=tuple(int(i) for i in np.argwhere(lost)[0][:-1]))
-    if seen.all():
-        return y, cholesky(S, "innovation covariance")
+    finite = np.isfinite(y)
+    if not finite.all():
+        lost = ~finite if seen is None else ~finite & (seen > 0)
+        if lost.any():
+            run = tuple(int(i) for i in np.argwhere(lost)[0][:-1])
+            raise FilterDiverged("predicted measurement", run=run)
+    if seen is None:
+        return y, C, cholesky(S, "innovation covariance")
     keep = seen[..., :, None] * seen[..., None, :]
-    m = y.shape[-1]
-    S = np.where(keep > 0, S, np.eye(m))
-    return np.where(seen > 0, y, 0.0), cholesky(S, "innovation covariance")
+    S = np.where(keep > 0, S, identity(y.shape[-1]))
+    return np.where(seen > 0, y, 0.0), C * seen[..., None, :], cholesky(S, "innovation covariance")
 
 
 def _finish(posterior, y, S, K, innovation, factor, seen) -> Update:
-    white = solve_lower(factor, innovation[..., None])[..., 0]
-    nis = np.sum(white**2, axis=-1)
-    log_det = 2 * np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
-    log_likelihood = -0.5 * (nis + log_det + np.sum(seen, axis=-1) * np.log(2 * np.pi))
+    nis = squared_length(solve_lower(factor, innovation[..., None])[..., 0])
+    count = y.shape[-1] if seen is None else np.sum(seen, axis=-1)
+    log_likelihood = -0.5 * (nis + log_det(factor) + count * _LOG_2PI)
     return Update(posterior, y, S, K, log_likelihood, nis)
 
 

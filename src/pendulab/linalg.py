@@ -6,6 +6,9 @@ should be a covariance and is not raises `FilterDiverged`.
 
 from __future__ import annotations
 
+import functools
+import math
+
 import numpy as np
 from scipy.linalg import lapack
 
@@ -49,17 +52,71 @@ class FilterDiverged(ArithmeticError):
 
 def T(A: Array) -> Array:
     """Transpose of the last two axes."""
-    return np.swapaxes(A, -1, -2)
+    return A.mT
 
 
 def symmetrised(P: Array) -> Array:
     """(P + Pᵀ)/2: removes the rounding that a product such as F P Fᵀ leaves."""
-    return 0.5 * (P + T(P))
+    return 0.5 * (P + P.mT)
+
+
+def product(A: Array, B: Array) -> Array:
+    """A B for stacks: A (..., k, n), B (..., n, l) to (..., k, l).
+
+    Where the runs lie side by side in memory (`runs_last`), a loop over the few entries that works on all
+    runs at once is quicker than a multiplication for each run, and keeps them side by side.
+    """
+    if A.ndim > 2 and _runs_are_last(A) or B.ndim > 2 and _runs_are_last(B):
+        return np.einsum("...ij,...jk->...ik", A, B)
+    return A @ B
+
+
+def sandwich(A: Array, P: Array) -> Array:
+    """A P Aᵀ for stacks, symmetric to the last bit: what a linear map A makes of a covariance P."""
+    return symmetrised(product(product(A, P), A.mT))
 
 
 def matvec(A: Array, x: Array) -> Array:
     """A x for stacks: A (..., k, n), x (..., n) to (..., k)."""
-    return (A @ x[..., None])[..., 0]
+    return A @ x if A.ndim == 2 and x.ndim == 1 else np.einsum("...ij,...j->...i", A, x)
+
+
+def squared_length(v: Array) -> Array:
+    """vᵀ v (...,) for stacks of vectors (..., n)."""
+    return v @ v if v.ndim == 1 else np.einsum("...i,...i->...", v, v)
+
+
+def runs_last(a: Array, axes: int) -> Array:
+    """The same array with its leading axes, the runs, side by side in memory; the last ``axes`` are not runs.
+
+    Most arithmetic of NumPy keeps the order in which memory is laid out, so a filter that starts this way
+    stays this way, and works along long rows of runs instead of short rows of states.
+    """
+    lead = a.ndim - axes
+    if lead < 1 or not axes:
+        return a
+    order = (*range(lead, a.ndim), *range(lead))
+    return np.ascontiguousarray(a.transpose(order)).transpose(*range(axes, a.ndim), *range(axes))
+
+
+def _runs_are_last(A: Array) -> bool:
+    return 0 < A.strides[0] < A.strides[-1]
+
+
+@functools.cache
+def identity(n: int) -> Array:
+    """The identity (n, n), read-only."""
+    eye = np.eye(n)
+    eye.flags.writeable = False
+    return eye
+
+
+def log_det(L: Array) -> Array:
+    """ln det(L Lᵀ) (...,) of Cholesky factors L (..., n, n)."""
+    diagonal = np.diagonal(L, axis1=-2, axis2=-1)
+    if L.ndim == 2:
+        return 2 * sum(map(math.log, diagonal.tolist()))
+    return 2 * np.sum(np.log(diagonal), axis=-1)
 
 
 def cholesky(P: Array, what: str) -> Array:
@@ -78,7 +135,7 @@ def cholesky(P: Array, what: str) -> Array:
             raise _diagnosis(P, (), what)
         return L
     n = P.shape[-1]
-    L = np.zeros(P.shape)
+    L = np.zeros_like(P)
     for j in range(n):
         row = L[..., j, :j]
         pivot = P[..., j, j] - np.einsum("...k,...k->...", row, row)
@@ -129,7 +186,8 @@ def solve_lower(L: Array, B: Array) -> Array:
     """L⁻¹ B for lower-triangular L (..., n, n) and B (..., n, k), by forward substitution."""
     if L.ndim == B.ndim == 2:
         return lapack.dtrtrs(L, B, lower=1)[0]
-    X = np.empty(np.broadcast_shapes(L.shape[:-2], B.shape[:-2]) + B.shape[-2:])
+    lead = np.broadcast_shapes(L.shape[:-2], B.shape[:-2])
+    X = np.empty_like(B) if B.shape[:-2] == lead else np.empty(lead + B.shape[-2:])
     for j in range(L.shape[-1]):
         known = np.einsum("...k,...kl->...l", L[..., j, :j], X[..., :j, :])
         X[..., j, :] = (B[..., j, :] - known) / L[..., j, j, None]

@@ -6,13 +6,14 @@ rows of weights (k,), for means and for covariances.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .gaussian import Gaussian
-from .linalg import Array, T, cholesky
+from .linalg import Array, T, cholesky, product
 
 
 @dataclass(frozen=True)
@@ -22,9 +23,20 @@ class PointSet:
     name: str
     rule: Callable[[int], tuple[Array, Array, Array]]
 
+    @functools.lru_cache(maxsize=64)  # noqa: B019 - a point set is a small frozen value
+    def _arrays(self, n: int) -> tuple[Array, Array, Array]:
+        arrays = self.rule(n)
+        for array in arrays:
+            array.flags.writeable = False
+        return arrays
+
     def weights(self, n: int) -> tuple[Array, Array]:
         """Mean weights and covariance weights, each (k,), for n states."""
-        return self.rule(n)[1:]
+        return self._arrays(n)[1:]
+
+    def offsets(self, n: int) -> Array:
+        """Where the points lie, (k, n), in units of the columns of a covariance's Cholesky factor."""
+        return self._arrays(n)[0]
 
     def points(self, belief: Gaussian) -> Array:
         """The points (..., k, n) of a belief, the centre first.
@@ -34,8 +46,8 @@ class PointSet:
         FilterDiverged : the belief's covariance is not positive definite
         """
         x, P = belief
-        offsets = self.rule(x.shape[-1])[0]
-        return x[..., None, :] + offsets @ T(cholesky(P, "state covariance"))
+        offsets = self.offsets(x.shape[-1])
+        return x[..., None, :] + product(offsets, T(cholesky(P, "state covariance")))
 
 
 def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> PointSet:

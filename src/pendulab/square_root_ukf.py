@@ -19,10 +19,12 @@ from .linalg import (
     FilterDiverged,
     T,
     cholesky,
+    log_det,
     matvec,
     semidefinite_factors,
     solve_gain,
     solve_lower,
+    squared_length,
     symmetrised,
 )
 from .sigma_points import PointSet, scaled
@@ -58,7 +60,7 @@ def predict(
     ------
     FilterDiverged : the covariance, before or after, is not positive definite
     """
-    offsets, wm, wc = points.rule(belief.n)
+    offsets, (wm, wc) = points.offsets(belief.n), points.weights(belief.n)
     u = None if u is None else np.asarray(u)[..., None, :]
     X = model.step(_points(belief.over(model.runs), offsets), u)
     x = angles.mean(X, wm, model.is_angle)
@@ -80,7 +82,7 @@ def update(belief: Gaussian, z: Array, sensor, points: PointSet = _DEFAULT) -> U
     ------
     FilterDiverged : the state covariance or the innovation covariance is not positive definite
     """
-    offsets, wm, wc = points.rule(belief.n)
+    offsets, (wm, wc) = points.offsets(belief.n), points.weights(belief.n)
     seen = observed(z)
     X = _points(belief, offsets)
     Z = sensor.h(X)
@@ -90,19 +92,18 @@ def update(belief: Gaussian, z: Array, sensor, points: PointSet = _DEFAULT) -> U
     noise = semidefinite_factors(sensor.R)
     y = sensor.residual(z, z_hat)
     S_factor = S_seen = _factor_of_sum(dZ, wc, noise, "innovation covariance")
-    if not seen.all():  # as if the missing components had never been asked for: unit variance, innovation 0
+    innovation, count = y, sensor.m
+    if seen is not None:  # as if the missing components had never been asked for: unit variance, innovation 0
         kept = seen[..., :, None] * seen[..., None, :]
         noise = semidefinite_factors(np.where(kept > 0, sensor.R, np.eye(sensor.m)))
         dZ = dZ * seen[..., None, :]
         S_seen = _factor_of_sum(dZ, wc, noise, "innovation covariance")
-    innovation = np.where(seen > 0, y, 0.0)
+        innovation, count = np.where(seen > 0, y, 0.0), np.sum(seen, axis=-1)
     K = solve_gain(S_seen, T(dX * wc[:, None]) @ dZ)
     factor = _factor_of_sum(dX - dZ @ T(K), wc, K @ noise, "corrected state covariance")
     posterior = Factored.of(belief.mean + matvec(K, innovation), factor)
-    white = solve_lower(S_seen, innovation[..., None])[..., 0]
-    nis = np.sum(white**2, axis=-1)
-    log_det = 2 * np.sum(np.log(np.diagonal(S_seen, axis1=-2, axis2=-1)), axis=-1)
-    log_likelihood = -0.5 * (nis + log_det + np.sum(seen, axis=-1) * np.log(2 * np.pi))
+    nis = squared_length(solve_lower(S_seen, innovation[..., None])[..., 0])
+    log_likelihood = -0.5 * (nis + log_det(S_seen) + count * np.log(2 * np.pi))
     return Update(posterior, y, symmetrised(S_factor @ T(S_factor)), K, log_likelihood, nis)
 
 

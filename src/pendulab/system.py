@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import codegen
+from .bound import Bound
 from .linalg import Array
 
 if TYPE_CHECKING:
@@ -181,19 +182,25 @@ class System:
     # ---- numbers, for the filter -------------------------------------------------------------------
 
     @functools.cached_property
-    def _code(self) -> codegen.Generated:
+    def code(self) -> codegen.Generated:
+        """The generated functions, from the cache or from the derivation."""
         counts = (self.n, self.m, len(self.quantities))
         return _compiled(self.name, self.derive, self.sources, counts)
 
     @functools.cached_property
-    def _values(self) -> tuple[float | Array, ...]:
+    def _bound(self) -> dict[str, Bound]:
+        return {}
+
+    @functools.cached_property
+    def values(self) -> tuple[float | Array, ...]:
+        """The parameters in the order of `quantities`: floats, or arrays (...) for runs."""
         values = (np.asarray(self.parameters[q.name], dtype=float) for q in self.quantities)
         return tuple(float(v) if v.ndim == 0 else v for v in values)
 
     @functools.cached_property
     def runs(self) -> tuple[int, ...]:
         """Shape of the leading axes that the parameters bring; () when every run shares them."""
-        return np.broadcast_shapes(*(np.shape(v) for v in self._values))
+        return np.broadcast_shapes(*(np.shape(v) for v in self.values))
 
     def f(self, x: Array, u: Array | None = None) -> Array:
         """Time derivative ẋ (..., n) in state units per second, at x (..., n) and u (..., m) (None: zero)."""
@@ -214,45 +221,33 @@ class System:
 
     def energy(self, x: Array) -> Array:
         """Total mechanical energy (...,) in joules (or in the Lagrangian's own unit)."""
-        if "energy" not in self._code.scalar:
+        if "energy" not in self.code.scalar:
             raise AttributeError(f"{self.name} has no mechanical energy")
         return self._evaluate("energy", (), x, None)
 
     def _evaluate(self, what: str, shape: tuple[int, ...], x: Array, u: Array | None) -> Array:
+        if what not in self._bound:
+            code = self.code
+            self._bound[what] = Bound(code.scalar[what], code.array[what], self.values)
+        return self.evaluate(self._bound[what], shape, x, u)
+
+    def evaluate(self, function: Bound, shape: tuple[int, ...], x: Array, u: Array | None) -> Array:
+        """A generated function of this system at states (..., n) and inputs (..., m) (None: zero).
+
+        Raises
+        ------
+        ValueError : another number of states or inputs; the message names them
+        """
         x = np.asarray(x)
         x = x if x.dtype.kind in "fc" else x.astype(float)
         if x.shape[-1:] != (self.n,):
             raise ValueError(
                 f"x: {self.name} expects states of shape (..., {self.n}) = {self.state_names}, got {x.shape}"
             )
-        u = self._checked_input(u)
-        if x.ndim == 1 and (u is None or u.ndim == 1) and not self.runs and x.dtype != complex:
-            inputs = (0.0,) * self.m if u is None else u.tolist()
-            try:
-                return np.array(
-                    self._code.scalar[what](x.tolist(), inputs, self._values), dtype=float
-                ).reshape(shape)
-            except (ArithmeticError, ValueError):
-                pass  # `math` raises where arrays give infinity or NaN, which the filter then reports
-        return self._evaluate_many(what, shape, x, u)
+        u = np.zeros(self.m) if u is None else self._checked_input(u)
+        return function(x, u, shape)
 
-    def _evaluate_many(self, what: str, shape: tuple[int, ...], x: Array, u: Array | None) -> Array:
-        inputs = (0.0,) * self.m if u is None else np.moveaxis(u, -1, 0)
-        axes = max(x.ndim - 1, 0 if u is None else u.ndim - 1, len(self.runs))
-        # Parameters belong to the first axes, the runs; sigma points, say, may follow.
-        values = [v if np.ndim(v) == 0 else v.reshape(v.shape + (1,) * (axes - v.ndim)) for v in self._values]
-        entries = self._code.array[what](np.moveaxis(x, -1, 0), inputs, values)
-        lead = np.broadcast_shapes(x.shape[:-1], *(np.shape(a) for a in (*inputs, *values)))
-        out = np.empty((*lead, len(entries)), dtype=np.result_type(x.dtype, float))
-        for i, entry in enumerate(
-            entries
-        ):  # constant entries come back as plain numbers: assignment spreads them
-            out[..., i] = entry
-        return out.reshape((*lead, *shape))
-
-    def _checked_input(self, u: Array | None) -> Array | None:
-        if u is None:
-            return None
+    def _checked_input(self, u: Array) -> Array:
         u = np.asarray(u, dtype=float)
         if u.shape[-1:] != (self.m,):
             raise ValueError(

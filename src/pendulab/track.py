@@ -8,7 +8,7 @@ import numpy as np
 
 from . import adaptive, ekf, timeline
 from .gaussian import Gaussian, common_axes
-from .linalg import Array, FilterDiverged
+from .linalg import Array, FilterDiverged, runs_last
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,21 +95,29 @@ def track(
     n, m = model.n, sensor.m
     shapes = ((n,), (n, n), (n,), (n, n), (m,), (m, m), (), ())
     learned = ((n, n), (m, m)) if isinstance(method, adaptive.Scheme) else ()
-    out = Track(*(np.empty((*lead, steps, *shape)) for shape in (*shapes, *learned)))
-    belief, filter_ = prior.over(lead), _Running(method, sensor, moves[0][0][1], times, options)
+    kept = [_by_step(steps, lead, shape) for shape in (*shapes, *learned)]
+    belief = Gaussian.trusted(*(runs_last(a, axes) for axes, a in enumerate(prior.over(lead), start=1)))
+    filter_ = _Running(method, sensor, moves[0][0][1], times, options)
     for k in range(steps):
         try:
             predicted, u = belief, None if us is None else us[..., k, :]
             for stage, noise in moves[k]:
                 predicted = filter_.predict(predicted, stage, noise, u)
-            if learned:
-                out.Q[..., k, :, :], out.R[..., k, :, :] = filter_.memory.Q, filter_.memory.R
-            update = filter_.update(predicted, z[..., k, :])
+            covariances = (filter_.memory.Q, filter_.memory.R) if learned else ()
+            update = filter_.update(predicted, runs_last(z[..., k, :], 1))
         except FilterDiverged as failure:
             raise failure.at_step(k) from None
-        _store(out, k, predicted, update)
+        for array, value in zip(kept, (*_values(predicted, update), *covariances), strict=True):
+            array[k] = value
         belief = update.posterior
-    return out
+    return Track(*(np.moveaxis(array, 0, len(lead)) for array in kept))
+
+
+def _by_step(steps: int, lead: tuple[int, ...], shape: tuple[int, ...]) -> Array:
+    """Room for values (steps, ..., shape) of all steps, the runs side by side in memory."""
+    room = np.empty((steps, *shape, *lead))
+    axes = range(1, 1 + len(shape))
+    return np.moveaxis(room, axes, range(-len(shape), 0)) if lead and shape else room
 
 
 class _Running:
@@ -133,11 +141,11 @@ class _Running:
         return update
 
 
-def _store(out: Track, k: int, predicted: Gaussian, update) -> None:
-    out.predicted_mean[..., k, :], out.predicted_cov[..., k, :, :] = predicted
-    out.mean[..., k, :], out.cov[..., k, :, :] = update.posterior
-    out.innovation[..., k, :], out.innovation_cov[..., k, :, :] = update.innovation, update.innovation_cov
-    out.nis[..., k], out.log_likelihood[..., k] = update.nis, update.log_likelihood
+def _values(predicted: Gaussian, update) -> tuple[Array, ...]:
+    """What a `Track` keeps of a step, in its order."""
+    return (
+        *update.posterior, *predicted, update.innovation, update.innovation_cov, update.nis, update.log_likelihood
+    )
 
 
 def _runs(prior, model, sensor, z, Q, us) -> tuple[int, ...]:

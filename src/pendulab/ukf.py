@@ -11,7 +11,7 @@ import numpy as np
 from . import angles
 from .gaussian import Gaussian, as_matrix
 from .kalman import Update, moment_update, observed
-from .linalg import Array, symmetrised
+from .linalg import Array, T, product, symmetrised
 from .sigma_points import PointSet, scaled
 
 _DEFAULT = scaled()
@@ -73,4 +73,4 @@ def update(belief: Gaussian, z: Array, sensor, points: PointSet = _DEFAULT) -> U
 
 def weighted_outer(weights: Array, a: Array, b: Array) -> Array:
     """Σ wᵢ aᵢ bᵢᵀ: weights (k,), a (..., k, n), b (..., k, m) to (..., n, m)."""
-    return np.swapaxes(a * weights[:, None], -1, -2) @ b
+    return product(T(a * weights[:, None]), b)
