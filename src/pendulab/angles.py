@@ -20,9 +20,23 @@ def wrap(angle: Array | float) -> Array:
     return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
 
 
+_wrap_unknown = np.frompyfunc(lambda angle: angle.wrap() if hasattr(angle, "wrap") else angle, 1, 1)
+
+
 def residual(a: Array, b: Array, is_angle: Array) -> Array:
     """a − b (..., n), wrapped to [-π, π] where ``is_angle`` (n,) says so."""
-    difference = np.subtract(a, b, dtype=float)
+    difference = np.asarray(a) - np.asarray(b)
+    if difference.dtype == object:  # of unknowns, see `unroll`
+        for i in np.flatnonzero(is_angle):
+            difference[..., i] = _wrap_unknown(difference[..., i])
+        return difference
+    if difference.dtype.kind != "f":
+        difference = difference.astype(float)
+    if difference.ndim == 1:
+        for i, value in enumerate(difference.tolist()):
+            if is_angle[i] and not -np.pi <= value <= np.pi:
+                difference[i] = wrap(value)
+        return difference
     for i in np.flatnonzero(is_angle):
         turns = np.rint(difference[..., i] / (2 * np.pi))
         if turns.any():

@@ -13,7 +13,7 @@ from .linalg import Array
 Function = Callable[[Sequence, Sequence], tuple]
 
 _FEW = 16  # so many states cost less one by one on Python floats than together in arrays
-_BLOCK = 4096  # more are taken in blocks, so that intermediate arrays stay in the processor's cache
+_BLOCK = 2**13  # more are taken in blocks, so that intermediate arrays stay in the processor's cache
 
 
 class Bound:
@@ -67,7 +67,7 @@ class Bound:
         return np.array([function(*row) for row in zip(x, u, strict=True)], dtype=float)
 
     def _together(self, x: Array, u: Array) -> Array:
-        """The outputs (count, ...), first in memory, and the leading axes in the order in which x holds them."""
+        """The outputs (count, ...): the first axis first in memory, the others in the order that x has."""
         axes = max(x.ndim - 1, u.ndim - 1, len(self.runs))
         runs = self.runs + (1,) * (axes - len(self.runs))
         lead = np.broadcast_shapes(x.shape[:-1], u.shape[:-1], runs)
@@ -80,7 +80,9 @@ class Bound:
         for block in self._blocks(lead, order):
             entries = function([c[block] for c in x], [c[block] for c in u])
             if out is None:
-                room = np.empty((len(entries), *(lead[axis] for axis in order)), dtype=np.result_type(x, float))
+                room = np.empty(
+                    (len(entries), *(lead[axis] for axis in order)), dtype=np.result_type(x, float)
+                )
                 out = np.moveaxis(room, range(1, room.ndim), [1 + axis for axis in order])
             for i, entry in enumerate(entries):  # assignment spreads plain numbers
                 out[i, *block] = entry
@@ -91,6 +93,6 @@ class Bound:
         if size <= _BLOCK or self.runs:
             return [(...,)]
         axis = order[0]
-        length = max(1, lead[axis] * _BLOCK // size)
+        length = math.ceil(lead[axis] / math.ceil(size / _BLOCK))
         before = (slice(None),) * axis
         return [(*before, slice(i, i + length)) for i in range(0, lead[axis], length)]

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.introspect import opt_func_info
 
 if TYPE_CHECKING:
     import sympy as sp
@@ -27,19 +28,44 @@ if TYPE_CHECKING:
 Function = Callable[[Sequence, Sequence], tuple]  # (x, u) to a tuple of numbers or arrays
 
 
-def _sincos(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sine and cosine of an array from the tangent of half of it: one slow function instead of two."""
+# Where NumPy has the tangent in vector instructions (AVX-512), sine and cosine from the tangent of half the
+# angle take a quarter of the time. Precise to some 1e-16 of the unit circle, not to the last bit.
+
+
+def _sin_by_tan(angle: np.ndarray) -> np.ndarray:
+    t = np.tan(0.5 * angle)
+    return (t + t) / (1 + t * t)
+
+
+def _cos_by_tan(angle: np.ndarray) -> np.ndarray:
+    square = np.tan(0.5 * angle) ** 2
+    return (1 - square) / (1 + square)
+
+
+def _sincos_by_tan(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     t = np.tan(0.5 * angle)
     square = t * t
     share = 1 / (1 + square)
-    return 2 * t * share, (1 - square) * share
+    return (t + t) * share, (1 - square) * share
+
+
+def _tangent_in_vector_instructions() -> bool:
+    (by_type,) = opt_func_info(func_name="^tan$", signature="float64").values()
+    return not any("baseline" in target["current"] for target in by_type.values())
 
 
 _FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "atan2", "tanh", "hypot")
-_SCALAR = {name: getattr(math, name) for name in _FUNCTIONS} | {
-    "sincos": lambda angle: (math.sin(angle), math.cos(angle))
-}
-_ARRAY = {name: getattr(np, name) for name in _FUNCTIONS} | {"sincos": _sincos}
+_SCALAR = {name: getattr(math, name) for name in _FUNCTIONS}
+_SCALAR["sincos"] = lambda angle: (math.sin(angle), math.cos(angle))
+_SCALAR["wrap"] = lambda angle: angle if -math.pi <= angle <= math.pi else math.remainder(angle, 2 * math.pi)
+# Of a pivot. Zero is none; in arrays it shows as an infinity further on.
+_SCALAR["positive_root"] = lambda pivot: math.sqrt(pivot) if pivot > 0 else math.nan
+_ARRAY = {name: getattr(np, name) for name in _FUNCTIONS}
+_ARRAY["sincos"] = lambda angle: (np.sin(angle), np.cos(angle))
+_ARRAY["positive_root"] = np.sqrt
+_ARRAY["wrap"] = lambda angle: angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
+if _tangent_in_vector_instructions():
+    _ARRAY |= {"sin": _sin_by_tan, "cos": _cos_by_tan, "sincos": _sincos_by_tan}
 
 
 class Generated:
@@ -58,8 +84,11 @@ class Generated:
     def constant(self) -> dict[str, tuple[float | None, ...]]:
         outputs = {}
         for maker in ast.parse(self.source).body:
-            returned = next(node for node in ast.walk(maker) if isinstance(node, ast.Return)
-                            and isinstance(node.value, ast.Tuple))
+            returned = next(
+                node
+                for node in ast.walk(maker)
+                if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple)
+            )
             outputs[maker.name] = tuple(
                 entry.value if isinstance(entry, ast.Constant) else None for entry in returned.value.elts
             )
@@ -88,7 +117,9 @@ def write_function(
     doprint = _printer().doprint
     lines = _StraightLines({*x, *u})
     results = lines.settle_all(list(outputs))
-    used = set().union(*(e.free_symbols for _, e in (*lines.fixed, *lines.moving)), *(e.free_symbols for e in results))
+    used = set().union(
+        *(e.free_symbols for _, e in (*lines.fixed, *lines.moving)), *(e.free_symbols for e in results)
+    )
     # A state may be called x, and must not shadow the states: hence the underscores.
     text = [f"def {name}(p_):"]
     text += [f"    {s.name} = p_[{i}]" for i, s in enumerate(p) if s in used]
@@ -131,8 +162,11 @@ class _StraightLines:
 
         angles = _sines_with_cosines(outputs)
         pairs = [tuple(sp.symbols(f"sin_{i} cos_{i}")) for i in range(len(angles))]
-        known = {f(a): s for a, pair in zip(angles, pairs, strict=True)
-                 for f, s in zip((sp.sin, sp.cos), pair, strict=True)}
+        known = {
+            f(a): s
+            for a, pair in zip(angles, pairs, strict=True)
+            for f, s in zip((sp.sin, sp.cos), pair, strict=True)
+        }
         names = sp.numbered_symbols("s_")
         shared, found = sp.cse([*(e.xreplace(known) for e in outputs), *angles], symbols=names, order="none")
         self.needs |= dict(shared)
@@ -177,7 +211,9 @@ class _StraightLines:
             return e.func(*(self._fixed_parts_apart(a) for a in e.args))
         still, rest = e.as_independent(*moving, as_Add=e.is_Add)
         terms = rest.args if rest.func == e.func else (rest,)
-        return e.func(self._name(still) if still.args else still, *(self._fixed_parts_apart(a) for a in terms))
+        return e.func(
+            self._name(still) if still.args else still, *(self._fixed_parts_apart(a) for a in terms)
+        )
 
     def _name(self, e: sp.Expr) -> sp.Expr:
         import sympy as sp

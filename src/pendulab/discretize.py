@@ -17,11 +17,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from .bound import Bound
-from .codegen import Generated, execute
+from .codegen import Generated
 from .linalg import Array
 from .linear_model import ExactModel, Tangent, exact, exact_foh
 from .system import System, unknown_name
-from .unroll import Recorder, Unknown, unroll
+from .unroll import Recorder, unroll
 
 Rate = Callable[[Array], Array]
 
@@ -66,13 +66,13 @@ class Model:
 
     def step(self, x: Array, u: Array | None = None) -> Array:
         """The state dt later (..., n), with u (..., m) held constant (None: zero)."""
-        return self.system.evaluate(self._functions["step"], (self.n,), x, u)
+        return self.system.evaluate(self.functions["step"], (self.n,), x, u)
 
     def tangent(self, x: Array, u: Array | None = None) -> Tangent:
         """The step together with its Jacobian, for little more than the Jacobian alone (book:
         eq-rk4-tangent).
         """
-        both = self.system.evaluate(self._functions["tangent"], (1 + self.n, self.n), x, u)
+        both = self.system.evaluate(self.functions["tangent"], (1 + self.n, self.n), x, u)
         return Tangent(both[..., 0, :], both[..., 1:, :])
 
     def jacobian(self, x: Array, u: Array | None = None) -> Array:
@@ -81,18 +81,27 @@ class Model:
 
     def input_jacobian(self, x: Array, u: Array | None = None) -> Array:
         """G = ∂x'/∂u (..., n, m)."""
-        return self.system.evaluate(self._functions["input_jacobian"], (self.n, self.m), x, u)
+        return self.system.evaluate(self.functions["input_jacobian"], (self.n, self.m), x, u)
 
     @functools.cached_property
-    def _functions(self) -> dict[str, Bound]:
-        code, system, dt = self.system.code, self.system, self.dt
-        unrolled = _unrolled(code, system.n, system.m, self.method, system.velocity_of)
+    def code(self) -> Generated:
+        """The step and its derivatives as straight-line code, made with (rates, dt)."""
+        system = self.system
+        return _unrolled(system.code, system.n, system.m, self.method, system.velocity_of)
+
+    @functools.cached_property
+    def functions(self) -> dict[str, Bound]:
+        """The functions of this code with the system's parameters: step, tangent and input_jacobian."""
+        code, rates, dt = self.code, self.system.code, self.dt
 
         def maker(name: str, speed: str) -> Callable:
-            rates = getattr(code, speed)
-            return lambda values: unrolled[name]({rate: make(values) for rate, make in rates.items()}, dt)
+            unrolled, made = getattr(code, speed)[name], getattr(rates, speed)
+            return lambda values: unrolled({rate: make(values) for rate, make in made.items()}, dt)
 
-        return {name: Bound(maker(name, "scalar"), maker(name, "array"), system.values) for name in unrolled}
+        return {
+            name: Bound(maker(name, "scalar"), maker(name, "array"), self.system.values)
+            for name in code.scalar
+        }
 
     def __getstate__(self) -> dict:
         """What pickle sends to another process: the description; code is made there again."""
@@ -100,40 +109,43 @@ class Model:
 
 
 @functools.cache
-def _unrolled(code: Generated, n: int, m: int, method: str, velocity_of: tuple) -> dict[str, Callable]:
+def _unrolled(code: Generated, n: int, m: int, method: str, velocity_of: tuple) -> Generated:
     """The step of a method and its derivatives as straight-line code: the method is run once, on unknowns."""
 
-    def advanced(recorder: Recorder, x: Array, dt: Unknown, dx: Array, du: Array) -> Array:
+    names = [f"x{i}" for i in range(n)]
+
+    def advanced(recorder: Recorder, dx: Array, du: Array) -> Array:
         """The state (column 0) and its variations after one step."""
 
+        def call(function: str, x: Array, *shape: int) -> Array:
+            outputs = recorder.call(f"rates['{function}']", x, code.constant[function])
+            return np.array(outputs, dtype=object).reshape(shape)
+
         def rate(s: Array) -> Array:
-            out = np.empty_like(s)
-            if not s[:, 1:].size:
-                out[:, 0] = recorder.call("f", s[:, 0], code.constant["f"])
-                return out
-            both = np.array(recorder.call("linearised", s[:, 0], code.constant["linearised"])).reshape(n, 1 + n)
-            out[:, 0], A = both[:, 0], both[:, 1:]
-            out[:, 1:] = A @ s[:, 1:]
+            if dx.shape[1] == 0:
+                return call("f", s[:, 0], n, 1)
+            both = call("linearised", s[:, 0], n, 1 + n)
+            variations = both[:, 1:] @ s[:, 1:]
             if du.any():
-                B = np.array(recorder.call("jacobian_u", s[:, 0], code.constant["jacobian_u"])).reshape(n, m)
-                out[:, 1:] = out[:, 1:] + B @ du
-            return out
+                variations = variations + call("jacobian_u", s[:, 0], n, m) @ du
+            return np.column_stack([both[:, 0], variations])
 
-        s = np.column_stack([x, dx]).astype(object)
-        return _METHODS[method](rate, s, dt, velocity_of)
+        s = np.column_stack([recorder.given(names), dx])
+        return _METHODS[method](rate, s, recorder.given(["dt"], moves=False)[0], velocity_of)
 
-    def step(recorder, x, dt):
-        return advanced(recorder, x, dt, np.zeros((n, 0), int), np.zeros((0, 0), int))[:, 0]
+    def step(recorder: Recorder) -> Array:
+        return advanced(recorder, np.zeros((n, 0), int), np.zeros((m, 0), int))[:, 0]
 
-    def tangent(recorder, x, dt):
-        s = advanced(recorder, x, dt, np.eye(n, dtype=int), np.zeros((m, n), int))
+    def tangent(recorder: Recorder) -> Array:
+        s = advanced(recorder, np.eye(n, dtype=int), np.zeros((m, n), int))
         return np.concatenate([s[:, 0], s[:, 1:].ravel()])
 
-    def input_jacobian(recorder, x, dt):
-        return advanced(recorder, x, dt, np.zeros((n, m), int), np.eye(m, dtype=int))[:, 1:].ravel()
+    def input_jacobian(recorder: Recorder) -> Array:
+        return advanced(recorder, np.zeros((n, m), int), np.eye(m, dtype=int))[:, 1:].ravel()
 
+    takes = {"x_": names, "u_": ()}
     recorded = (step, tangent, input_jacobian)
-    return execute("\n\n".join(unroll(record.__name__, n, record) for record in recorded), {})
+    return Generated("\n\n".join(unroll(r.__name__, ("rates", "dt"), takes, r) for r in recorded))
 
 
 def discretize(system: System, dt: float, method: str = "rk4") -> Model | ExactModel:
@@ -200,7 +212,7 @@ def rk4(rate: Rate, s: Array, dt: float, velocity_of=()) -> Array:
     k2 = rate(s + dt / 2 * k1)
     k3 = rate(s + dt / 2 * k2)
     k4 = rate(s + dt * k3)
-    return s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return s + dt / 6 * (k1 + 2 * (k2 + k3) + k4)
 
 
 _METHODS = {"euler": euler, "symplectic_euler": symplectic_euler, "rk4": rk4, "midpoint": midpoint}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .gaussian import Gaussian, as_matrix
 from .kalman import Update, linear_update, observed
-from .linalg import Array, sandwich
+from .linalg import Array, sandwich, symmetrised
 
 
 def predict(belief: Gaussian, model, Q: Array, u: Array | None = None) -> Gaussian:
@@ -21,7 +21,7 @@ def predict(belief: Gaussian, model, Q: Array, u: Array | None = None) -> Gaussi
     """
     x, P = belief
     x, F = model.tangent(x, u)
-    return Gaussian.trusted(x, sandwich(F, P) + as_matrix("Q", Q, belief.n))
+    return Gaussian.trusted(x, symmetrised(sandwich(F, P) + as_matrix("Q", Q, belief.n)))
 
 
 def update(belief: Gaussian, z: Array, sensor) -> Update:

@@ -15,6 +15,7 @@ from .linalg import (
     Array,
     FilterDiverged,
     T,
+    all_finite,
     cholesky,
     identity,
     log_det,
@@ -69,7 +70,7 @@ def predict(belief: Gaussian, model, Q: Array, u: Array | None = None) -> Gaussi
     _refuse_nonlinear(model)
     x, P = belief
     F = model.jacobian(x, u)
-    return Gaussian.trusted(model.step(x, u), sandwich(F, P) + as_matrix("Q", Q, belief.n))
+    return Gaussian.trusted(model.step(x, u), symmetrised(sandwich(F, P) + as_matrix("Q", Q, belief.n)))
 
 
 def update(belief: Gaussian, z: Array, sensor) -> Update:
@@ -117,11 +118,11 @@ def linear_update(belief: Gaussian, y: Array, H: Array, R: Array, seen: Array | 
     stays symmetric and positive for any gain; (I − K H) P does not.
     """
     x, P = belief
-    S = sandwich(H, P) + R
+    S = symmetrised(sandwich(H, P) + R)
     innovation, C, factor = _without_missing(y, S, product(P, T(H)), seen)
     K = solve_gain(factor, C)
     I_KH = identity(belief.n) - product(K, H)
-    corrected = sandwich(I_KH, P) + sandwich(K, R)
+    corrected = symmetrised(sandwich(I_KH, P) + sandwich(K, R))
     posterior = Gaussian.trusted(x + matvec(K, innovation), corrected)
     return _finish(posterior, y, S, K, innovation, factor, seen)
 
@@ -144,6 +145,9 @@ def observed(z: Array) -> Array | None:
     Asked of z, not of the innovation: that is NaN as well when the state has left the numbers, and a
     filter must not take its own failure for a missing value.
     """
+    z = np.asarray(z)
+    if z.dtype.kind == "O":  # unknowns (see `unroll`)
+        return None
     missing = np.isnan(z)
     return 1.0 - missing if missing.any() else None
 
@@ -154,9 +158,8 @@ def _without_missing(y: Array, S: Array, C: Array, seen: Array | None) -> tuple[
     A missing component gets innovation 0 and, in S, a row and a column of the identity: it then
     adds nothing to NIS, determinant or gain, and every run of a batch may miss another one.
     """
-    finite = np.isfinite(y)
-    if not finite.all():
-        lost = ~finite if seen is None else ~finite & (seen > 0)
+    if not all_finite(y):
+        lost = ~np.isfinite(y) if seen is None else ~np.isfinite(y) & (seen > 0)
         if lost.any():
             run = tuple(int(i) for i in np.argwhere(lost)[0][:-1])
             raise FilterDiverged("predicted measurement", run=run)

@@ -66,6 +66,25 @@ def maximum_likelihood(
     RuntimeError : no maximum was found; the message is the optimiser's
     FilterDiverged : the log-likelihood is not concave where the search stopped
     """
+    x, value, evaluations = search(log_likelihood, start, lower, upper, step, max_iterations)
+    # The second differences below reach two steps to either side.
+    at_bound = (x < np.asarray(lower) + 2 * step) | (x > np.asarray(upper) - 2 * step)
+    cov = _inverse_information(log_likelihood, x, ~at_bound, step)
+    return Fit(x, cov, value, at_bound, evaluations)
+
+
+def search(
+    log_likelihood: Callable[[Array], Array],
+    start: Array,
+    lower: Array,
+    upper: Array,
+    step: float = 1e-3,
+    max_iterations: int = 200,
+) -> tuple[Array, float, int]:
+    """The maximum alone: where it is (d,), its value, and how many parameter vectors were tried.
+
+    Parameters and errors are those of `maximum_likelihood`, which adds the standard errors.
+    """
     from scipy.optimize import minimize  # slow to import, and only this function needs it
 
     start, lower, upper = (np.asarray(v, dtype=float) for v in (start, lower, upper))
@@ -95,10 +114,7 @@ def maximum_likelihood(
     )
     if not found.success:
         raise RuntimeError(f"no maximum of the likelihood was found: {found.message}")
-    # The second differences below reach two steps to either side.
-    at_bound = (found.x < lower + 2 * step) | (found.x > upper - 2 * step)
-    cov = _inverse_information(log_likelihood, found.x, ~at_bound, step)
-    return Fit(found.x, cov, -float(found.fun), at_bound, evaluations)
+    return found.x, -float(found.fun), evaluations
 
 
 def _each(x: Array, moved: Array) -> Array:

@@ -10,7 +10,6 @@ import functools
 import math
 
 import numpy as np
-from scipy.linalg import lapack
 
 Array = np.ndarray
 
@@ -57,6 +56,8 @@ def T(A: Array) -> Array:
 
 def symmetrised(P: Array) -> Array:
     """(P + Pᵀ)/2: removes the rounding that a product such as F P Fᵀ leaves."""
+    if P.dtype == object:  # of unknowns (see `unroll`) one half is enough
+        return np.where(np.tri(len(P), dtype=bool), P, P.mT)
     return 0.5 * (P + P.mT)
 
 
@@ -66,14 +67,22 @@ def product(A: Array, B: Array) -> Array:
     Where the runs lie side by side in memory (`runs_last`), a loop over the few entries that works on all
     runs at once is quicker than a multiplication for each run, and keeps them side by side.
     """
-    if A.ndim > 2 and _runs_are_last(A) or B.ndim > 2 and _runs_are_last(B):
-        return np.einsum("...ij,...jk->...ik", A, B)
+    if (A.ndim > 2 and _runs_are_last(A)) or (B.ndim > 2 and _runs_are_last(B)):
+        lead = np.broadcast_shapes(A.shape[:-2], B.shape[:-2])
+        out = with_runs_last(lead, (A.shape[-2], B.shape[-1]))
+        return np.einsum("...ij,...jk->...ik", A, B, out=out)
     return A @ B
 
 
+def with_runs_last(lead: tuple[int, ...], shape: tuple[int, ...]) -> Array:
+    """Room for values (..., *shape) whose leading axes lie side by side in memory."""
+    room = np.empty((*shape, *lead))
+    return room.transpose(*range(len(shape), room.ndim), *range(len(shape)))
+
+
 def sandwich(A: Array, P: Array) -> Array:
-    """A P Aᵀ for stacks, symmetric to the last bit: what a linear map A makes of a covariance P."""
-    return symmetrised(product(product(A, P), A.mT))
+    """A P Aᵀ for stacks: what a linear map A makes of a covariance P."""
+    return product(product(A, P), A.mT)
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -99,6 +108,23 @@ def runs_last(a: Array, axes: int) -> Array:
     return np.ascontiguousarray(a.transpose(order)).transpose(*range(axes, a.ndim), *range(axes))
 
 
+@functools.cache
+def _lapack():
+    """LAPACK, when it is asked for: a fifth of a second that a track in straight lines never needs."""
+    from scipy.linalg import lapack
+
+    return lapack
+
+
+def _is_one(A: Array) -> bool:
+    return A.ndim == 2 and A.dtype == float
+
+
+def all_finite(v: Array) -> bool:
+    """Whether all entries are finite numbers (of unknowns, see `unroll`, that is assumed)."""
+    return v.dtype == object or bool(np.isfinite(v).all())
+
+
 def _runs_are_last(A: Array) -> bool:
     return 0 < A.strides[0] < A.strides[-1]
 
@@ -114,7 +140,7 @@ def identity(n: int) -> Array:
 def log_det(L: Array) -> Array:
     """ln det(L Lᵀ) (...,) of Cholesky factors L (..., n, n)."""
     diagonal = np.diagonal(L, axis1=-2, axis2=-1)
-    if L.ndim == 2:
+    if _is_one(L):
         return 2 * sum(map(math.log, diagonal.tolist()))
     return 2 * np.sum(np.log(diagonal), axis=-1)
 
@@ -129,22 +155,26 @@ def cholesky(P: Array, what: str) -> Array:
     ------
     FilterDiverged : P is not positive definite; the message names the matrix, the run and the eigenvalue
     """
-    if P.ndim == 2:
-        L, failed = lapack.dpotrf(P, lower=1, clean=1)
+    if _is_one(P):
+        L, failed = _lapack().dpotrf(P, lower=1, clean=1)
         if failed:
             raise _diagnosis(P, (), what)
         return L
     n = P.shape[-1]
     L = np.zeros_like(P)
     for j in range(n):
-        row = L[..., j, :j]
-        pivot = P[..., j, j] - np.einsum("...k,...k->...", row, row)
+        pivot = P[..., j, j].copy()
+        for k in range(j):
+            pivot -= L[..., j, k] ** 2
         positive = pivot > 0  # NaN is not
-        if not positive.all():
+        if not np.all(positive):
             raise _diagnosis(P, tuple(int(i) for i in np.argwhere(~positive)[0]), what)
-        L[..., j, j] = np.sqrt(pivot)
-        below = P[..., j + 1 :, j] - np.einsum("...ik,...k->...i", L[..., j + 1 :, :j], row)
-        L[..., j + 1 :, j] = below / L[..., j, j, None]
+        L[..., j, j] = root = np.sqrt(pivot)
+        for i in range(j + 1, n):
+            below = P[..., i, j].copy()
+            for k in range(j):
+                below -= L[..., i, k] * L[..., j, k]
+            L[..., i, j] = below / root
     return L
 
 
@@ -184,24 +214,26 @@ def semidefinite_factors(P: Array) -> Array:
 
 def solve_lower(L: Array, B: Array) -> Array:
     """L⁻¹ B for lower-triangular L (..., n, n) and B (..., n, k), by forward substitution."""
-    if L.ndim == B.ndim == 2:
-        return lapack.dtrtrs(L, B, lower=1)[0]
+    if _is_one(L) and _is_one(B):
+        return _lapack().dtrtrs(L, B, lower=1)[0]
     lead = np.broadcast_shapes(L.shape[:-2], B.shape[:-2])
-    X = np.empty_like(B) if B.shape[:-2] == lead else np.empty(lead + B.shape[-2:])
+    X = B.copy("K") if B.shape[:-2] == lead else np.broadcast_to(B, lead + B.shape[-2:]).copy()
     for j in range(L.shape[-1]):
-        known = np.einsum("...k,...kl->...l", L[..., j, :j], X[..., :j, :])
-        X[..., j, :] = (B[..., j, :] - known) / L[..., j, j, None]
+        for k in range(j):
+            X[..., j, :] -= L[..., j, k, None] * X[..., k, :]
+        X[..., j, :] /= L[..., j, j, None]
     return X
 
 
 def solve_factored(L: Array, B: Array) -> Array:
     """(L Lᵀ)⁻¹ B for a Cholesky factor L (..., n, n) and B (..., n, k)."""
-    if L.ndim == B.ndim == 2:
-        return lapack.dpotrs(L, B, lower=1)[0]
+    if _is_one(L) and _is_one(B):
+        return _lapack().dpotrs(L, B, lower=1)[0]
     X = solve_lower(L, B)
     for j in reversed(range(L.shape[-1])):
-        known = np.einsum("...k,...kl->...l", L[..., j + 1 :, j], X[..., j + 1 :, :])
-        X[..., j, :] = (X[..., j, :] - known) / L[..., j, j, None]
+        for k in range(j + 1, L.shape[-1]):
+            X[..., j, :] -= L[..., k, j, None] * X[..., k, :]
+        X[..., j, :] /= L[..., j, j, None]
     return X
 
 

@@ -27,7 +27,7 @@ DASHES = ("-", "--", "-.", ":")
 STYLE = {
     "figure.dpi": 100,
     "figure.facecolor": "white",
-    "font.size": 10,
+    "font.size": 12,  # a figure shrinks to half on a phone
     "axes.grid": True,
     "axes.prop_cycle": plt.cycler(color=[BLUE, VERMILION, GREEN, ORANGE]),
     "axes.spines.top": False,

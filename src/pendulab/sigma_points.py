@@ -68,7 +68,11 @@ def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> PointSe
     """
     if not alpha > 0:
         raise ValueError(f"alpha: expected a positive spread, got {alpha!r}")
+    return _scaled(float(alpha), float(beta), float(kappa))
 
+
+@functools.lru_cache(maxsize=256)  # the same set is the same object, and what belongs to it is found again
+def _scaled(alpha: float, beta: float, kappa: float) -> PointSet:
     def rule(n: int) -> tuple[Array, Array, Array]:
         if not n + kappa > 0:
             raise ValueError(f"kappa: n + kappa must be positive, got {n} + {kappa:g}")
@@ -93,9 +97,15 @@ def symmetric(kappa: float = 0.0) -> PointSet:
     ------
     ValueError : n + kappa is not positive
     """
+    return _symmetric(float(kappa))
+
+
+@functools.lru_cache(maxsize=256)
+def _symmetric(kappa: float) -> PointSet:
     return PointSet(f"symmetric(kappa={kappa:g})", scaled(alpha=1.0, beta=0.0, kappa=kappa).rule)
 
 
+@functools.cache
 def cubature() -> PointSet:
     """The third-degree spherical-radial set (Arasaratnam and Haykin 2009): 2n points at ±√n, weights 1/(2n).
 

@@ -133,7 +133,7 @@ def _backwards(
     result: Track, model, Q: timeline.Noise, us: Array | None, times: Array | None, bridge: Callable
 ) -> Smoothed:
     us = _checked(result, model, us)
-    moves = timeline.moves(model, Q, result.steps, times)
+    moves = timeline.moves(model, Q, result.steps, times, of_state=True)
     out = Smoothed(np.array(result.mean), np.array(result.cov))
     for k in reversed(range(result.steps - 1)):
         try:
@@ -154,7 +154,7 @@ def _bridges(belief: Gaussian, move: timeline.Move, u: Array | None, bridge: Cal
     """Every step from one measurement to the next, each with the belief it starts from."""
     found = []
     for stage, noise in move:
-        found.append((belief, bridge(belief, stage, noise, u)))
+        found.append((belief, bridge(belief, stage, timeline.at(noise, stage, belief.mean, u), u)))
         belief = found[-1][1].predicted
     return found
 

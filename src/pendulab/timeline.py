@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 
 import numpy as np
@@ -11,10 +12,10 @@ from .gaussian import covariance
 from .linalg import Array
 
 Noise = Array | float | Callable
-Move = tuple[tuple[object, Array], ...]
+Move = tuple[tuple[object, Array | Callable], ...]
 
 
-def moves(model, Q: Noise, steps: int, times: Array | None = None) -> list[Move]:
+def moves(model, Q: Noise, steps: int, times: Array | None = None, of_state: bool = False) -> list[Move]:
     """For every measurement, the steps (model, Q) that lead to it from the one before.
 
     Without times each is one step of the model. With times, the gap before each measurement is divided into
@@ -25,16 +26,18 @@ def moves(model, Q: Noise, steps: int, times: Array | None = None) -> list[Move]
     ----------
     model : a `Model`; for times it needs a dt
     Q : covariance of one step (a scalar, (n,), (n, n) or (..., n, n)), or a function of a model that returns
-        it, such as ``lambda model: white_acceleration(model, 0.1)``: shorter steps need another Q
+        it, such as ``lambda model: white_acceleration(model, 0.1)``: shorter steps need another Q; or, if
+        the caller can use one, a function of (model, x, u): it takes the place of Q in the result, see `at`
     steps : number of measurements
     times : (steps,) seconds since the prior, increasing
+    of_state : whether Q may be a function of (model, x, u)
 
     Raises
     ------
     ValueError : times are not increasing positive numbers, one for each measurement; the model has no dt; or
-        Q is a matrix and a step differs from the model's dt
+        Q is a matrix and a step differs from the model's dt; or Q is a function of something else
     """
-    whole = (model, covariance("Q", Q(model) if callable(Q) else Q, model.n))
+    whole = (model, _noise(Q, model, of_state))
     if times is None:
         return [(whole,)] * steps
     known = {0.0: whole}
@@ -65,8 +68,25 @@ def _stage(model, Q, dt: float, known: dict) -> tuple[object, Array]:
                 "give a function of the model, such as lambda model: white_acceleration(model, intensity)"
             )
         other = with_dt(model, dt)
-        known[shorter] = (other, covariance("Q", Q(other), model.n))
+        known[shorter] = (other, _noise(Q, other, of_state=True))
     return known[shorter]
+
+
+def _noise(Q: Noise, model, of_state: bool) -> Array | Callable:
+    if not callable(Q):
+        return covariance("Q", Q, model.n)
+    arguments = len(inspect.signature(Q).parameters)
+    if arguments == 1:
+        return covariance("Q", Q(model), model.n)
+    if arguments == 3 and of_state:
+        return Q
+    wanted = "(model) or of (model, x, u)" if of_state else "(model)"
+    raise ValueError(f"Q: expected a function of {wanted}, got one of {arguments} arguments")
+
+
+def at(noise: Array | Callable, model, x: Array, u: Array | None) -> Array:
+    """The covariance of a step from the state x (..., n) under the input u: of a matrix, itself."""
+    return covariance("Q", noise(model, x, u), model.n) if callable(noise) else noise
 
 
 def with_dt(model, dt: float):

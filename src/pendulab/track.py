@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import adaptive, ekf, timeline
+from . import adaptive, ekf, straight, timeline
 from .gaussian import Gaussian, common_axes
 from .linalg import Array, FilterDiverged, runs_last
 
@@ -76,7 +76,9 @@ def track(
     model, sensor : a `Model` and a sensor of the same system
     z : (..., steps, m) in the sensor's units; NaN marks a missing component
     Q : covariance added in one step: scalar, (n,), (n, n) or (..., n, n) with one for each run; or a function
-        of a model that returns it, which times with steps shorter than dt need
+        of a model that returns it, which times with steps shorter than dt need; or a function of (model, x,
+        u) at the belief's mean, for noise that depends on them: ``lambda model, x, u: input_noise(model, x,
+        u, Pu)``
     us : (..., steps, model.m) inputs, held over each step (with times: from one measurement to the next)
     method : a module or object with ``predict`` and ``update``: `ekf`, `ukf`, `kalman`; or an adaptive
         scheme, such as ``adaptive.innovation_Q(ekf, window=40)``
@@ -90,26 +92,38 @@ def track(
     FilterDiverged : a covariance lost its positive definiteness; the message gives step, run and eigenvalue
     """
     z, us = _checked(prior, model, sensor, z, us)
-    moves = timeline.moves(model, Q, z.shape[-2], times)
-    lead, steps = _runs(prior, model, sensor, z, moves[0][0][1], us), z.shape[-2]
+    steps = z.shape[-2]
+    moves = timeline.moves(model, Q, steps, times, of_state=True)
+    first = timeline.at(moves[0][0][1], moves[0][0][0], prior.mean, None if us is None else us[..., 0, :])
+    lead = _runs(prior, model, sensor, z, first, us)
     n, m = model.n, sensor.m
     shapes = ((n,), (n, n), (n,), (n, n), (m,), (m, m), (), ())
     learned = ((n, n), (m, m)) if isinstance(method, adaptive.Scheme) else ()
     kept = [_by_step(steps, lead, shape) for shape in (*shapes, *learned)]
     belief = Gaussian.trusted(*(runs_last(a, axes) for axes, a in enumerate(prior.over(lead), start=1)))
-    filter_ = _Running(method, sensor, moves[0][0][1], times, options)
-    for k in range(steps):
+    filter_ = _Running(method, sensor, first, times, options)
+
+    def step(k: int, belief: Gaussian) -> tuple[tuple[Array, ...], Gaussian]:
+        u = None if us is None else us[..., k, :]
         try:
-            predicted, u = belief, None if us is None else us[..., k, :]
+            predicted = belief
             for stage, noise in moves[k]:
-                predicted = filter_.predict(predicted, stage, noise, u)
+                Q = timeline.at(noise, stage, predicted.mean, u)
+                predicted = filter_.predict(predicted, stage, Q, u)
             covariances = (filter_.memory.Q, filter_.memory.R) if learned else ()
             update = filter_.update(predicted, runs_last(z[..., k, :], 1))
         except FilterDiverged as failure:
             raise failure.at_step(k) from None
-        for array, value in zip(kept, (*_values(predicted, update), *covariances), strict=True):
-            array[k] = value
-        belief = update.posterior
+        return (*_values(predicted, update), *covariances), update.posterior
+
+    quick = straight.line(method, model, sensor, lead, options)
+    if quick is not None and not callable(moves[0][0][1]):
+        straight.run(quick, kept, belief, moves, us, z, step)
+    else:
+        for k in range(steps):
+            values, belief = step(k, belief)
+            for array, value in zip(kept, values, strict=True):
+                array[k] = value
     return Track(*(np.moveaxis(array, 0, len(lead)) for array in kept))
 
 
@@ -125,18 +139,24 @@ class _Running:
 
     def __init__(self, method, sensor, Q: Array, times: Array | None, options: dict):
         self.method, self.sensor, self.options = method, sensor, options
+        self.steps: list[adaptive.Step] = []  # since the last measurement, for schemes that look back
         self.memory = method.begin(sensor, Q) if isinstance(method, adaptive.Scheme) else None
-        if self.memory is not None and times is not None:
-            raise ValueError("times: an adaptive scheme learns covariances of equal steps; leave times out")
+        if self.memory is not None and times is not None and not method.any_step:
+            raise ValueError(
+                f"times: {type(method).__name__} learns the Q of equal steps; leave times out, or take "
+                "a scheme that learns R or the scale of Q"
+            )
 
     def predict(self, belief: Gaussian, model, Q: Array, u: Array | None) -> Gaussian:
         if self.memory is None:
             return self.method.predict(belief, model, Q, u, **self.options)
+        self.steps.append(adaptive.Step(belief, model, Q, u))
         return self.method.predict(belief, model, Q, u, self.memory, **self.options)
 
     def update(self, predicted: Gaussian, z: Array):
         if self.memory is None:
             return self.method.update(predicted, z, self.sensor, **self.options)
+        self.memory, self.steps = self.method.note(self.memory, tuple(self.steps), z), []
         update, self.memory = self.method.update(predicted, z, self.sensor, self.memory, **self.options)
         return update
 
@@ -144,7 +164,12 @@ class _Running:
 def _values(predicted: Gaussian, update) -> tuple[Array, ...]:
     """What a `Track` keeps of a step, in its order."""
     return (
-        *update.posterior, *predicted, update.innovation, update.innovation_cov, update.nis, update.log_likelihood
+        *update.posterior,
+        *predicted,
+        update.innovation,
+        update.innovation_cov,
+        update.nis,
+        update.log_likelihood,
     )
 
 

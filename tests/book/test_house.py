@@ -16,7 +16,7 @@ PACKAGE = ROOT / "src" / "pendulab"
 # not know each other. A new room takes its place here on purpose.
 ROOMS = [
     {"linalg"},
-    {"angles", "codegen"},
+    {"angles", "codegen", "bound", "unroll"},
     {"gaussian", "lagrange"},
     {"system"},
     {"systems"},
@@ -28,15 +28,16 @@ ROOMS = [
     {"kalman"},
     {"ekf", "ukf"},
     {"cubature", "iterated_ekf", "square_root_ukf", "ukf_no_redraw"},
-    {"timeline"},
+    {"timeline", "straight"},
     {"bias_states", "linearise", "particle"},
     {"grid"},
+    {"likelihood"},
     {"adaptive"},
     {"track"},
     {"smooth", "observability", "chaos"},
-    {"consistency", "likelihood", "bounds"},
+    {"consistency", "bounds"},
     {"montecarlo", "recordings"},
-    {"plotting", "animation"},
+    {"plotting", "animation", "page"},
     {"replications"},
 ]
 WINGS = {"grading"}  # may import any room; no room imports it

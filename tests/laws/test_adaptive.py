@@ -219,3 +219,124 @@ def test_missing_components_do_not_bias_what_is_learned(scheme):
     z[:, ::2, 1] = np.nan
     found = track(PRIOR, MODEL, sensor(), z, Q_TRUE, method=scheme).R[:, -1000:].mean(axis=(0, 1))
     np.testing.assert_allclose(np.diag(found), np.diag(R_TRUE), rtol=0.12)
+
+
+# ------------------------------------------------------------------------------- both scales, and times
+
+
+@pytest.mark.parametrize(("wrong_Q", "wrong_R"), [(100.0, 1.0), (0.01, 9.0), (10.0, 0.1)])
+def test_both_scales_are_found_together_by_the_likelihood(wrong_Q, wrong_R):
+    """Six runs, three blocks of 150: the mean of ln(scale · error) within four standard errors of 0."""
+    _, z = data("scales", steps=451, runs=6)
+    scheme = adaptive.likelihood_scales(kalman, window=150)
+    found = track(PRIOR, MODEL, sensor(wrong_R), z, wrong_Q * Q_TRUE, method=scheme)
+    logs = np.log([found.Q[:, -1, 0, 0] / Q_TRUE[0, 0], found.R[:, -1, 0, 0] / R_TRUE[0, 0]])
+    standard_error = logs.std(axis=1, ddof=1) / np.sqrt(logs.shape[1])
+    np.testing.assert_array_less(np.abs(logs.mean(axis=1)), 4 * standard_error)
+    assert (standard_error < 0.3).all()
+    np.testing.assert_array_equal(found.Q[:, :150], np.broadcast_to(wrong_Q * Q_TRUE, (6, 150, 2, 2)))
+
+
+def test_scales_of_one_run_are_those_of_this_run_among_others():
+    _, z = data("scales", steps=61, runs=2)
+    scheme = adaptive.likelihood_scales(kalman, window=30)
+    both, one = (track(PRIOR, MODEL, sensor(2.0), some, Q_TRUE, method=scheme) for some in (z, z[1]))
+    np.testing.assert_allclose(both.Q[1], one.Q, rtol=1e-9)
+    np.testing.assert_allclose(both.mean[1], one.mean, rtol=1e-9)
+    assert np.abs(both.R[0, -1] - both.R[1, -1]).max() > 1e-3
+
+
+def test_scales_cannot_be_told_apart_where_a_step_forgets_the_last_one():
+    """With F = 0 and Q in the proportion of R only their sum shows: the innovations' covariance is found, and
+    which of the two is to blame is not."""
+    forgetful, z = (
+        LinearModel(np.zeros((2, 2))),
+        stream("adaptive/sum").multivariate_normal([0, 0], 4 * R_TRUE, 400),
+    )
+    found = [
+        track(
+            PRIOR,
+            forgetful,
+            sensor(),
+            z,
+            start * R_TRUE,
+            method=adaptive.likelihood_scales(kalman, window=399),
+        )
+        for start in (0.2, 5.0)
+    ]
+    sums = [(f.Q[-1] + f.R[-1])[0, 0] / R_TRUE[0, 0] for f in found]
+    assert abs(np.log(sums[0] / sums[1])) < 0.05
+    assert abs(np.log(sums[0] / 4)) < 4 * np.sqrt(1 / 400)
+    assert found[1].Q[-1, 0, 0] / found[1].R[-1, 0, 0] > 3 * found[0].Q[-1, 0, 0] / found[0].R[-1, 0, 0]
+
+
+def test_scales_are_fitted_across_missing_measurements_and_several_steps():
+    model, camera = discretize(systems.simple_pendulum(damping=0.1), 0.02), None
+    camera = sensors.components(model, ["theta"], 0.02**2)
+    noise = lambda model: white_acceleration(model, 0.3)  # noqa: E731
+    prior, times = Gaussian([1.0, 0.0], 0.05**2), np.cumsum(np.tile([0.02, 0.05, 0.01], 60))
+    _, z = simulate(model, camera, prior, 180, noise(model), stream("adaptive/gaps"))
+    z[20:30] = np.nan
+    scheme = adaptive.likelihood_scales(ekf, window=90)
+    found = track(prior, model, camera, z, noise, times=times, method=scheme)
+    assert np.isfinite(found.mean).all()
+    assert found.R[-1, 0, 0] != camera.R[0, 0]
+
+
+@pytest.mark.parametrize(
+    "settings", [dict(window=5), dict(window=20.5), dict(low=2.0, high=1.0), dict(low=0.0)]
+)
+def test_scales_refuse_settings_without_sense(settings):
+    with pytest.raises(ValueError, match="expected"):
+        adaptive.likelihood_scales(kalman, **settings)
+
+
+def test_scales_refuse_runs_with_their_own_physics():
+    system = systems.driven_pendulum(b=np.array([0.1, 0.2]))
+    model, camera = discretize(system, 0.02), sensors.components(system, ["theta"], 0.02**2)
+    with pytest.raises(ValueError, match="own physics"):
+        track(
+            Gaussian([1.0, 0.0], 0.1),
+            model,
+            camera,
+            np.zeros((2, 12, 1)),
+            1e-4,
+            method=adaptive.likelihood_scales(ekf, window=10),
+        )
+
+
+@each_scheme
+def test_irregular_times_of_equal_gaps_are_no_times(scheme):
+    model, camera = discretize(systems.simple_pendulum(), 0.02), None
+    camera = sensors.components(model, ["theta", "omega"], 0.05**2)
+    noise, prior = (lambda model: white_acceleration(model, 0.1)), Gaussian([1.0, 0.0], 0.1)
+    _, z = simulate(model, camera, prior, 900, noise(model), stream("adaptive/times"))
+    scheme = type(scheme)(ekf)
+    regular, times = track(prior, model, camera, z, noise, method=scheme), 0.02 * np.arange(1, 901)
+    if isinstance(scheme, adaptive.innovation_Q):
+        with pytest.raises(ValueError, match="innovation_Q learns the Q of equal steps"):
+            track(prior, model, camera, z, noise, method=scheme, times=times)
+        return
+    with_times = track(prior, model, camera, z, noise, method=scheme, times=times)
+    np.testing.assert_allclose(with_times.mean, regular.mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(with_times.R, regular.R, rtol=1e-9)
+
+
+def test_R_is_found_from_measurements_at_irregular_times():
+    """A pendulum whose camera, three times as noisy as stated, looks when it likes."""
+    model, rng = discretize(systems.simple_pendulum(), 0.05), stream("adaptive/irregular")
+    gaps = rng.uniform(0.01, 0.12, 1500)
+    fine = discretize(model.system, 0.01)
+    times, prior = np.cumsum(np.round(gaps, 2) + 0.01), Gaussian([1.0, 0.0], 0.01**2)
+    x, truth = np.array([1.0, 0.0]), []
+    for steps in np.rint(np.diff(times, prepend=0.0) / 0.01).astype(int):
+        for _ in range(steps):
+            x = fine.step(x)
+        truth.append(x[:1])
+    z = np.array(truth) + 0.09 * rng.standard_normal((1500, 1))
+    camera = sensors.components(model, ["theta"], 0.03**2)
+    noise = lambda model: white_acceleration(model, 1e-6)  # noqa: E731
+    found = track(
+        prior, model, camera, z, noise, times=times, method=adaptive.sage_husa_R(ekf, forgetting=0.998)
+    )
+    assert abs(found.R[-1, 0, 0] / 0.09**2 - 1) < 0.2  # some 500 terms: a spread of 6 %

@@ -28,7 +28,7 @@ from pendulab import (
     systems,
     track,
 )
-from pendulab.adaptive import residual_R
+from pendulab.adaptive import innovation_Q
 from pendulab.codegen import cache_folder
 from pendulab.simulate import simulate
 
@@ -79,13 +79,12 @@ def test_exact_model_counts_its_inputs_and_runs():
     np.testing.assert_array_equal(model.is_angle, [False, False])
 
 
-def test_adaptive_scheme_refuses_irregular_times():
-    world = linear_world("tests/corners/times", steps=3)
+def test_scheme_of_equal_steps_refuses_irregular_times():
     model, sensor = discretize(systems.linear([[0.0]]), 0.1, "exact"), sensors.linear([[1.0]], 1.0)
     case = dict(prior=Gaussian([0.0], 1.0), model=model, sensor=sensor, z=np.zeros((2, 1)), Q=1.0)
-    with pytest.raises(ValueError, match="an adaptive scheme learns covariances of equal steps"):
-        track(**case, times=[0.1, 0.2], method=residual_R(ekf))
-    assert track(**world.arguments, method=residual_R(ekf)).steps == 3
+    with pytest.raises(ValueError, match="innovation_Q learns the Q of equal steps"):
+        track(**case, times=[0.1, 0.2], method=innovation_Q(ekf))
+    assert track(**case, method=innovation_Q(ekf)).steps == 2
 
 
 def test_rank_counts_the_singular_values_above_a_stated_tolerance():

@@ -1,0 +1,37 @@
+"""What the pages of the book share: numbers for the prose, tables, formulas.
+
+For notebooks that are built into the book (the extra ``book``). A number that a sentence needs goes there by
+`tell` and appears with ``{glue:text}``; nothing is typed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from IPython import get_ipython
+from IPython.display import Markdown, Math, display
+from myst_nb import glue
+
+if get_ipython() is not None:
+    get_ipython().run_line_magic("xmode", "Minimal")  # a cell that fails on purpose shows its sentence only
+
+
+def tell(name: str, value: float | str, digits: int | None = None) -> None:
+    """Make a number or a word available to the prose; with ``digits`` as text, with a true minus sign."""
+    if digits is not None:
+        value = f"{value:.{digits}f}".replace("-", "−")
+    glue(name, value if isinstance(value, str) else float(value), display=False)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Show rows of text as a table, numbers to the right."""
+    rows = [[cell.replace("-", "−") for cell in row] for row in rows]
+    lines = ["| " + " | ".join(row) + " |" for row in (header, ["---:"] * len(header), *rows)]
+    display(Markdown("\n".join(lines)))
+
+
+def show(name: str, expression, names: Mapping | None = None) -> None:
+    """Show ``name = expression`` of SymPy as a formula; ``names`` gives symbols another face."""
+    import sympy as sp
+
+    display(Math(name + " = " + sp.latex(expression, symbol_names=dict(names or {}))))
