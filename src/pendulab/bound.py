@@ -12,7 +12,7 @@ from .linalg import Array
 
 Function = Callable[[Sequence, Sequence], tuple]
 
-_FEW = 16  # so many states cost less one by one on Python floats than together in arrays
+_FEW = 24  # so many states cost less one by one on Python floats than together in arrays
 _BLOCK = 2**13  # more are taken in blocks, so that intermediate arrays stay in the processor's cache
 
 
@@ -32,13 +32,11 @@ class Bound:
 
     def __call__(self, x: Array, u: Array, shape: tuple[int, ...]) -> Array:
         """The outputs, in this shape, behind the leading axes of x (..., n) and u (..., m)."""
-        if not self.runs and x.dtype.kind == "f":
+        lead = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
+        if x.dtype.kind == "f" and self.runs in ((), lead) and math.prod(lead) <= _FEW:
+            rows = self._rows(x, u, lead)
             try:
-                if x.ndim == u.ndim == 1:
-                    return np.array(self.scalar(x.tolist(), u.tolist()), dtype=float).reshape(shape)
-                lead = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
-                if math.prod(lead) <= _FEW:
-                    return self._one_by_one(x, u, lead).reshape((*lead, *shape))
+                return np.array([f(*row) for f, *row in rows], dtype=float).reshape((*lead, *shape))
             except (ArithmeticError, ValueError):
                 pass  # `math` raises where arrays give infinity or NaN, which the filter then reports
         flat = self._together(x, u)
@@ -58,13 +56,19 @@ class Bound:
             )
         return self._at_axes[axes]
 
-    def _one_by_one(self, x: Array, u: Array, lead: tuple[int, ...]) -> Array:
-        function = self.scalar
-        if u.ndim == 1:
-            u = u.tolist()
-            return np.array([function(row, u) for row in x.reshape(-1, x.shape[-1]).tolist()], dtype=float)
-        x, u = (np.broadcast_to(a, (*lead, a.shape[-1])).reshape(-1, a.shape[-1]).tolist() for a in (x, u))
-        return np.array([function(*row) for row in zip(x, u, strict=True)], dtype=float)
+    @functools.cached_property
+    def _scalar_of_runs(self) -> list[Function]:
+        values = [np.broadcast_to(v, self.runs).ravel().tolist() for v in self._values]
+        return [self._scalar(own) for own in zip(*values, strict=True)]
+
+    def _rows(self, x: Array, u: Array, lead: tuple[int, ...]) -> list[tuple]:
+        """For every run its function, its state and its input, as lists of floats."""
+        if not lead:
+            return [(self.scalar, x.tolist(), u.tolist())]
+        count = math.prod(lead)
+        x, u = (np.broadcast_to(a, (*lead, a.shape[-1])).reshape(count, a.shape[-1]).tolist() for a in (x, u))
+        functions = self._scalar_of_runs if self.runs else [self.scalar] * count
+        return list(zip(functions, x, u, strict=True))
 
     def _together(self, x: Array, u: Array) -> Array:
         """The outputs (count, ...): the first axis first in memory, the others in the order that x has."""
