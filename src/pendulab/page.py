@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from IPython import get_ipython
 from IPython.display import Markdown, Math, display
 from myst_nb import glue
@@ -28,6 +29,29 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     rows = [[cell.replace("-", "−") for cell in row] for row in rows]
     lines = ["| " + " | ".join(row) + " |" for row in (header, ["---:"] * len(header), *rows)]
     display(Markdown("\n".join(lines)))
+
+
+def scientific(value: float) -> str:
+    """A number in words of ten.
+
+    >>> scientific(2.3e-5)
+    '2·10⁻⁵'
+    """
+    digit, exponent = f"{value:.0e}".split("e")
+    return f"{digit}·10{_raised(int(exponent))}"
+
+
+def decade(value: float) -> str:
+    """A size: the smallest power of ten that is not below it (nothing smaller than 10⁻¹⁶).
+
+    >>> decade(2.3e-5)
+    '10⁻⁴'
+    """
+    return "10" + _raised(int(np.ceil(np.log10(max(value, 1e-16)))))
+
+
+def _raised(number: int) -> str:
+    return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def show(name: str, expression, names: Mapping | None = None) -> None:

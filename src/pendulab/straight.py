@@ -30,14 +30,8 @@ from .sensors.protocol import Sensor
 from .sigma_points import PointSet, scaled
 from .unroll import Recorder, unroll
 
-_FEWEST_RUNS = (
-    16  # with fewer, the many small operations of the text cost more than the few large ones of the filter
-)
+_FEWEST_RUNS = 25  # with fewer, many small operations cost more than the few large ones of the filter
 _MOST_STATES = 8  # beyond, the text grows faster than NumPy's calls cost
-
-
-class Declined(Exception):
-    """This step needs the filter itself."""
 
 
 class StraightLine:
@@ -82,11 +76,8 @@ class StraightLine:
 
 def line(method, model, sensor, lead: tuple[int, ...], options: Mapping) -> StraightLine | None:
     """The straight-line form of a filter, where there is one and it is quicker than the filter itself."""
-    if (
-        not isinstance(model, Model)
-        or type(sensor) is not LinearSensor
-        or max(model.n, sensor.m) > _MOST_STATES
-    ):
+    known = type(model) is Model and type(sensor) is LinearSensor  # what inherits may have its own step
+    if not known or max(model.n, sensor.m) > _MOST_STATES:
         return None
     if method is ekf and not options and (not lead or math.prod(lead) >= _FEWEST_RUNS):
         return StraightLine(method, sensor, lead, None)

@@ -352,3 +352,27 @@ def test_biases_of_nothing_are_refused():
     model = with_bias_states(discretize(DOUBLE, 0.1), biased_camera())
     with pytest.raises(ValueError, match=r"x: expected shape \(..., 6\) = .*'bias_column1'\), got \(4,\)"):
         model.step(np.zeros(4))
+
+
+def test_range_and_bearing_know_states_by_their_names():
+    system = augment(systems.ackermann(), wheelbase=0.5)
+    by_name = sensors.range_bearing(
+        [3.0, 1.0], [0.1, 0.01], ("x", "y"), "heading", system=discretize(system, 0.1)
+    )
+    by_place = sensors.range_bearing([3.0, 1.0], [0.1, 0.01], n=4)
+    x = np.array([0.4, -0.3, 0.8, 0.5])
+    np.testing.assert_array_equal(by_name.jacobian(x), by_place.jacobian(x))
+    with pytest.raises(KeyError, match="did you mean 'heading'"):
+        sensors.range_bearing([3.0, 1.0], [0.1, 0.01], ("x", "y"), "headin", system=system)
+    with pytest.raises(ValueError, match="names of states need the system"):
+        sensors.range_bearing([3.0, 1.0], [0.1, 0.01], ("x", "y"), "heading")
+    with pytest.raises(ValueError, match="has 4 states, got n=3"):
+        sensors.range_bearing([3.0, 1.0], [0.1, 0.01], n=3, system=system)
+
+
+def test_no_complex_step_goes_through_a_bearing():
+    """It would give a Jacobian of zeros."""
+    sensor = sensors.range_bearing([3.0, 1.0], [0.1, 0.01])
+    for function in (sensor.h, sensor.jacobian):
+        with pytest.raises(TypeError, match="real states only"):
+            function(np.array([0.1 + 1e-20j, 0.2, 0.3]))

@@ -220,3 +220,26 @@ def test_covariance_without_a_dimension_is_refused_or_taken_as_by_the_filter_its
             found.append(str(failure))
     assert found[0] == found[1]
     assert isinstance(found[0], str) == (method is ukf)
+
+
+@each_lead
+def test_model_and_sensor_that_inherit_speak_for_themselves(runs):
+    """A tangent of their own, a Jacobian of their own: a recording of the original would overrule them."""
+    prior, model, sensor, z, Q, _ = setting(*next(worlds())[1:], runs)
+
+    class Euler(type(model)):
+        def tangent(self, x, u=None):
+            stepped = super().tangent(x, u)
+            return stepped._replace(F=np.eye(4) + self.dt * self.system.jacobian_x(x))
+
+    class Blind(type(sensor)):
+        def jacobian(self, x):
+            return 0.5 * self.H
+
+    other = Euler(model.system, model.dt, model.method)
+    blind = Blind(sensor.H, sensor.R, sensor.is_angle, sensor.names, sensor.units)
+    plain = track(prior, model, sensor, z, Q)
+    for m, s in ((other, sensor), (model, blind)):
+        found = track(prior, m, s, z, Q)
+        assert_same(found, track(prior, m, s, z, Q, method=ITSELF[ekf]))
+        assert np.abs(found.cov - plain.cov).max() > 1e-7
