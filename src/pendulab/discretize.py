@@ -108,28 +108,38 @@ class Model:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
+def with_variations(call: Callable[[str, Array], Array], du: Array) -> Rate:
+    """The rate of a state, in column 0, and of small changes of it in the others: f, and A δx + B δu.
+
+    Parameters
+    ----------
+    call : gives "linearised" (n, 1 + n), that is f and A side by side, and "jacobian_u" (n, m) at a state
+    du : (m, k) what is done to the input, for each of the k changes
+    """
+
+    def rate(s: Array) -> Array:
+        f, A = np.split(call("linearised", s[:, 0]), [1], axis=1)
+        changes = A @ s[:, 1:]
+        if du.any():
+            changes = changes + call("jacobian_u", s[:, 0]) @ du
+        return np.hstack([f, changes])
+
+    return rate
+
+
 @functools.cache
 def _unrolled(code: Generated, n: int, m: int, method: str, velocity_of: tuple) -> Generated:
     """The step of a method and its derivatives as straight-line code: the method is run once, on unknowns."""
-
     names = [f"x{i}" for i in range(n)]
 
     def advanced(recorder: Recorder, dx: Array, du: Array) -> Array:
         """The state (column 0) and its variations after one step."""
 
-        def call(function: str, x: Array, *shape: int) -> Array:
+        def call(function: str, x: Array) -> Array:
             outputs = recorder.call(f"rates['{function}']", x, code.constant[function])
-            return np.array(outputs, dtype=object).reshape(shape)
+            return np.array(outputs, dtype=object).reshape(n, -1)
 
-        def rate(s: Array) -> Array:
-            if dx.shape[1] == 0:
-                return call("f", s[:, 0], n, 1)
-            both = call("linearised", s[:, 0], n, 1 + n)
-            variations = both[:, 1:] @ s[:, 1:]
-            if du.any():
-                variations = variations + call("jacobian_u", s[:, 0], n, m) @ du
-            return np.column_stack([both[:, 0], variations])
-
+        rate = with_variations(call, du) if dx.shape[1] else lambda s: call("f", s[:, 0])
         s = np.column_stack([recorder.given(names), dx])
         return _METHODS[method](rate, s, recorder.given(["dt"], moves=False)[0], velocity_of)
 

@@ -1,5 +1,6 @@
 """Which pages the book has, read from its table of contents, and what stands in their HTML."""
 
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -38,3 +39,35 @@ class Links(HTMLParser):
             self.loads.append(at["href"])
         elif tag != "a" and at.get("src"):
             self.loads.append(at["src"])
+
+
+QUOTED = "code-cell|math|literalinclude|code-block|figure|image|bibliography|tableofcontents"
+NOT_PROSE = (
+    r"\A---\n.*?^---\n",  # the page's own header
+    rf"^(?P<fence>`{{3,}}|:{{3,}})\{{({QUOTED})\}}.*?^(?P=fence)\s*$",  # directives that hold no sentences
+    r"^(?P<plain>`{3,})\w*\n.*?^(?P=plain)\s*$",  # code
+    r"\$\$.*?\$\$",
+    r"\\begin\{(\w+\*?)\}.*?\\end\{\1\}",
+    r"(?<![\\$])\$[^$\n]+(\n[^$\n]+)?\$",
+    r"\{[\w:]+\}`[^`]*`",  # roles: glue, numref, cite, eq
+    r"(`+)(?!`)[^\n]*?(?<!`)\1(?!`)",  # code in a line
+    r"\]\([^)\n]*\)|<https?:[^>\n]*>",  # where links lead
+    r"^\|.*?\|$",  # tables
+    r"^:[\w-]+:[^\n]*$",  # options of directives
+    r"^\([^\n]*\)=$",  # labels
+    r"^%[^\n]*$",  # comments
+)
+
+
+def prose(text: str) -> str:
+    """The words of a page, line by line; all that is computed, typeset or quoted is blanked out."""
+    for pattern in NOT_PROSE:
+        text = re.sub(pattern, lambda match: re.sub(r"[^\n]", " ", match[0]), text, flags=re.M | re.S)
+    return text
+
+
+def said_in_figures(text: str) -> str:
+    """The captions and alternative texts that stand in the headers of code cells."""
+    headers = re.findall(r"^```\{code-cell\}[^\n]*\n---\n(.*?)^---$", text, re.M | re.S)
+    parts = [part for header in headers for part in yaml.safe_load(header).get("mystnb", {}).values()]
+    return "\n".join(str(part.get(key, "")) for part in parts for key in ("caption", "alt"))

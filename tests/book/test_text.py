@@ -55,31 +55,6 @@ def test_every_labelled_equation_has_a_test_of_its_name():
     assert not wanting, "\n".join(wanting)
 
 
-QUOTED = "code-cell|math|literalinclude|code-block|figure|image|bibliography"
-NOT_PROSE = (
-    r"\A---\n.*?^---\n",  # the page's own header
-    rf"^(?P<fence>`{{3,}}|:{{3,}})\{{({QUOTED})\}}.*?^(?P=fence)\s*$",  # directives that hold no sentences
-    r"^(?P<plain>`{3,})\w*\n.*?^(?P=plain)\s*$",  # code
-    r"\$\$.*?\$\$",
-    r"\\begin\{(\w+\*?)\}.*?\\end\{\1\}",
-    r"(?<![\\$])\$[^$\n]+(\n[^$\n]+)?\$",
-    r"\{[\w:]+\}`[^`]*`",  # roles: glue, numref, cite, eq
-    r"(`+)(?!`)[^\n]*?(?<!`)\1(?!`)",  # code in a line
-    r"\]\([^)\n]*\)|<https?:[^>\n]*>",  # where links lead
-    r"^\|.*?\|$",  # tables
-    r"^:[\w-]+:[^\n]*$",  # options of directives
-    r"^\([^\n]*\)=$",  # labels
-    r"^%[^\n]*$",  # comments
-)
-
-
-def prose(text: str) -> str:
-    """The words of a page, line by line; all that is computed, typeset or quoted is blanked out."""
-    for pattern in NOT_PROSE:
-        text = re.sub(pattern, lambda match: re.sub(r"[^\n]", " ", match[0]), text, flags=re.M | re.S)
-    return text
-
-
 DECIMAL = re.compile(r"(?<![\w.])[-−]?\d+\.\d+(?![\w.]*\d)")
 
 
@@ -89,7 +64,7 @@ def test_prose_is_what_is_left():
         "```{code-cell} ipython3\nx = 4.25\n```\n\n| 5.25 |\n\n$$ 6.25 $$\n\n[link](https://a.b/7.25)\n\n"
         "```{exercise}\n:label: ex-8.25\nUse -0.5 m, about 1.5.\n```\n"
     )
-    assert DECIMAL.findall(prose(text)) == ["1.25", "-0.5", "1.5"]
+    assert DECIMAL.findall(pages.prose(text)) == ["1.25", "-0.5", "1.5"]
 
 
 @pytest.mark.parametrize("page", pages.markdown(), ids=lambda page: page.stem)
@@ -98,7 +73,7 @@ def test_no_result_is_typed_into_prose(page):
     allowed = ALLOWED.get(page.relative_to(pages.BOOK).with_suffix("").as_posix(), {}) | ALLOWED["everywhere"]
     typed = [
         f"{page.name}, line {number}: {found}"
-        for number, line in enumerate(prose(page.read_text(encoding="utf-8")).splitlines(), start=1)
+        for number, line in enumerate(pages.prose(page.read_text(encoding="utf-8")).splitlines(), start=1)
         for found in DECIMAL.findall(line)
         if found not in allowed
     ]

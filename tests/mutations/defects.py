@@ -361,8 +361,8 @@ DEFECTS = [
     Defect(
         "the input's Jacobian forgets how the state carries the input on",
         "discretize.py",
-        "variations = both[:, 1:] @ s[:, 1:]",
-        "variations = both[:, 1:] @ (s[:, 1:] * (not du.any()))",
+        "changes = A @ s[:, 1:]",
+        "changes = A @ (s[:, 1:] * (not du.any()))",
         "laws/test_discretize.py::test_input_jacobian_is_the_derivative_of_the_step_itself",
     ),
     Defect(
