@@ -2,11 +2,12 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env book test labs grade release mutations lint lock clean
+.PHONY: help env book test labs grade release mutations bench peers lint lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
 ENV := .venv/.made
+PEERS := .venv-peers
 SITE := book/_build/html
 # What the tests look at: their own folder, every solution and every lab, each notebook in one worker.
 CHECKS := tests $(wildcard solutions) $(wildcard labs)
@@ -59,6 +60,20 @@ test: $(ENV) ## run every check of the project
 mutations: $(ENV) ## apply every seeded defect to a copy of the package and see that its test notices
 	$(BIN)/python tests/mutations/run.py
 
+# Every run time and all memory that the book shows, against whoever is installed. One thread for everybody.
+bench: $(ENV) ## measure run times and memory on this machine: a table, and book/bench.json (some minutes)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NPROC=1 \
+	  $$([ -x $(PEERS)/bin/python ] && echo $(PEERS)/bin/python || echo $(BIN)/python) tests/bench/measure.py
+
+peers: $(PEERS)/.made ## make the environment .venv-peers, in which make bench also times dynamax
+
+$(PEERS)/.made: requirements-peers.txt $(ENV)
+	@echo "Making the environment $(PEERS), about 700 MB ..."
+	@$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(PEERS)
+	@$(BIN)/uv pip install --quiet --compile-bytecode --python $(PEERS)/bin/python -r requirements-peers.txt
+	@$(BIN)/uv pip install --quiet --python $(PEERS)/bin/python --no-deps --no-build-isolation -e .
+	@touch $@
+
 labs: $(ENV) ## open JupyterLab on the labs
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) labs
 
@@ -70,8 +85,10 @@ grade: $(ENV) ## grade a folder of notebooks: make grade SUBMISSIONS=folder OUT=
 release: $(ENV) ## generate labs/ from solutions/
 	$(BIN)/pendulab release
 
+# The peers of `make bench` stay out of the one environment; theirs takes the same versions of what both have.
 lock: $(ENV) ## pin requirements.txt again from the ranges in pyproject.toml
-	$(BIN)/uv pip compile --universal --python-version 3.11 --all-extras --no-annotate pyproject.toml -o requirements.txt
+	$(BIN)/uv pip compile --universal --python-version 3.11 --extra book --extra labs --extra grading --extra cluster --extra test --extra build --no-annotate pyproject.toml -o requirements.txt
+	$(BIN)/uv pip compile --universal --python-version 3.11 --extra peers --extra cluster --extra test --extra build -c requirements.txt --no-annotate pyproject.toml -o requirements-peers.txt
 
 clean: ## remove what was built; the environment stays
 	rm -rf book/_build book/labs build .pytest_cache .ruff_cache

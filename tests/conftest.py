@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SITE = ROOT / "book" / "_build" / "html"
 BUILT = ROOT / "book" / "_build" / "finished"  # made by `make book`; as old as the start of the build
-SOURCES = ("book/**/*", "labs/*.ipynb", "src/pendulab/**/*", "requirements.txt")
+SOURCES = ("book/**/*", "labs/*.ipynb", "src/pendulab/**/*", "tests/bench/*.py", "requirements.txt")
 
 
 def pytest_collection_modifyitems(items):

@@ -19,7 +19,7 @@ from pybtex.style.formatting.unsrt import Style
 from pybtex.style.labels import BaseLabelStyle
 
 MATHJAX = "static/mathjax/tex-svg-full.js"
-RUNS_DEPEND_ON = ("src/pendulab/**/*", "requirements.txt")
+RUNS_DEPEND_ON = ("src/pendulab/**/*", "requirements.txt", "tests/bench/*.py", "book/bench.json")
 
 
 def mirror_labs(app, config):
@@ -70,14 +70,19 @@ def drop_thebe(app):
 
 class NameAndYear(BaseLabelStyle):
     def format_labels(self, entries):
-        for entry in entries:
-            first, *others = entry.persons["author"]
-            name = " ".join([*first.prelast_names, *first.last_names])
-            if len(others) == 1:
-                name += " and " + " ".join(others[0].last_names)
-            elif others:
-                name += " et al."
-            yield f"{name.strip('{}')} {entry.fields['year']}"
+        labels = [self.label(entry) for entry in entries]
+        for i, label in enumerate(labels):  # of several works of a year, the second is b
+            earlier = labels[:i].count(label)
+            yield label + (chr(ord("a") + earlier) if labels.count(label) > 1 else "")
+
+    def label(self, entry):
+        first, *others = entry.persons["author"]
+        name = " ".join([*first.prelast_names, *first.last_names])
+        if len(others) == 1:
+            name += " and " + " ".join(others[0].last_names)
+        elif others:
+            name += " et al."
+        return f"{name.strip('{}')} {entry.fields['year']}"
 
 
 class ByName(Style):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import special
 
 from . import angles
 from .linalg import Array, cholesky, solve_lower
@@ -78,6 +77,8 @@ def chi2_band(dof: int, averaged: int = 1, level: float = 0.95) -> tuple[float, 
         raise ValueError(
             f"expected dof >= 1, averaged >= 1 and 0 < level < 1, got {dof}, {averaged}, {level}"
         )
+    from scipy import special  # slow to import, and no filter needs it
+
     tails = np.array([(1 - level) / 2, (1 + level) / 2])
     low, high = 2 * special.gammaincinv(dof * averaged / 2, tails) / averaged  # quantiles of χ²
     return float(low), float(high)
@@ -88,6 +89,8 @@ def coverage(error: Array, std: Array, level: float = 0.95) -> Array:
 
     error (..., steps, n), std (..., steps, n). A calibrated filter gives ``level``.
     """
+    from scipy import special
+
     half_width = special.ndtri((1 + level) / 2) * np.asarray(std)
     return np.mean(np.abs(error) <= half_width, axis=-2)
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from . import angles, timeline
 from .gaussian import Gaussian, log_density
@@ -150,6 +149,8 @@ def _origins(model, points: Array, u: Array | None) -> tuple[Array, Array]:
 
 
 def _carried(p: Array, x: Array, stretch: Array, lows: Array, sizes: Array) -> Array:
+    from scipy.ndimage import map_coordinates  # slow to import, and only this function needs it
+
     places = np.moveaxis((x - lows) / sizes - 0.5, -1, 0)
     return map_coordinates(p, places, order=5, mode="grid-wrap") / stretch
 

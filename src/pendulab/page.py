@@ -6,6 +6,7 @@ For notebooks that are built into the book (the extra ``book``). A number that a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,6 +17,8 @@ from myst_nb import glue
 if get_ipython() is not None:
     get_ipython().run_line_magic("xmode", "Minimal")  # a cell that fails on purpose shows its sentence only
 
+_NUMBER = re.compile(r"[-−–+±≤≥<>≈]?\s*[\d.]|–$|$")
+
 
 def tell(name: str, value: float | str, digits: int | None = None) -> None:
     """Make a number or a word available to the prose; with ``digits`` as text, with a true minus sign."""
@@ -25,9 +28,11 @@ def tell(name: str, value: float | str, digits: int | None = None) -> None:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Show rows of text as a table, numbers to the right."""
-    rows = [[cell.replace("-", "−") for cell in row] for row in rows]
-    lines = ["| " + " | ".join(row) + " |" for row in (header, ["---:"] * len(header), *rows)]
+    """Show rows of text as a table, with columns of numbers to the right and of words to the left."""
+    numbers = [all(_NUMBER.match(cell) for cell in column) for column in zip(*rows, strict=True)]
+    sides = ["---:" if is_number else ":---" for is_number in numbers]
+    rows = [[re.sub(r"(?<![\w-])-(?=[\d.])", "−", cell) for cell in row] for row in rows]
+    lines = ["| " + " | ".join(row) + " |" for row in (header, sides, *rows)]
     display(Markdown("\n".join(lines)))
 
 

@@ -12,7 +12,6 @@ import numbers
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from . import angles, timeline
 from .gaussian import Gaussian, common_axes, log_density
@@ -73,6 +72,8 @@ def bootstrap(
             f"expected a prior and a sensor of {n} states and z of shape (..., steps, {sensor.m}), got "
             f"{prior.n}, {sensor.n} and {z.shape}"
         )
+    from scipy.special import logsumexp  # slow to import, and only this function needs it
+
     us = None if us is None else np.asarray(us, dtype=float)
     steps = z.shape[-2]
     if us is not None and us.shape[-2:] != (steps, model.m):

@@ -5,18 +5,28 @@ import tomllib
 from importlib import metadata
 
 import pages
+import pytest
 from packaging.markers import Marker
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PROJECT = tomllib.loads((pages.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCK = (pages.ROOT / "requirements.txt").read_text(encoding="utf-8")
-PINS = [Requirement(line) for line in LOCK.splitlines() if not line.startswith("#")]
+PEERS = (pages.ROOT / "requirements-peers.txt").read_text(encoding="utf-8")
+
+
+def pinned(lock: str) -> list[Requirement]:
+    return [Requirement(line) for line in lock.splitlines() if not line.lstrip().startswith("#")]
+
+
+PINS = pinned(LOCK)
 AGAIN = "run `make lock`, then `make env`"
 
 
 def asked() -> list[Requirement]:
-    extras = [one for group in PROJECT["optional-dependencies"].values() for one in group]
+    """All but the peers of `make bench`, which have a lock and an environment of their own."""
+    groups = PROJECT["optional-dependencies"]
+    extras = [one for name, group in groups.items() if name != "peers" for one in group]
     return [Requirement(one) for one in [*PROJECT["dependencies"], *extras]]
 
 
@@ -73,7 +83,24 @@ def test_installed_is_what_is_pinned():
             )
 
 
-def test_lock_was_made_by_the_documented_command():
-    told = re.search(r"^#\s+(uv pip compile .*)$", LOCK, re.M)[1]
+@pytest.mark.parametrize("lock", [LOCK, PEERS], ids=["everybody's", "peers'"])
+def test_lock_was_made_by_the_documented_command(lock):
+    told = re.search(r"^#\s+(uv pip compile .*)$", lock, re.M)[1]
     makefile = (pages.ROOT / "Makefile").read_text(encoding="utf-8")
     assert told.removeprefix("uv ") in makefile
+
+
+def test_lock_has_every_extra_but_the_peers():
+    told = re.search(r"^#\s+(uv pip compile .*)$", LOCK, re.M)[1]
+    assert set(re.findall(r"--extra (\w+)", told)) == set(PROJECT["optional-dependencies"]) - {"peers"}
+
+
+def test_peers_are_pinned_and_see_the_same_versions_as_we_do():
+    theirs = {(canonicalize_name(pin.name), str(pin.marker)): version(pin) for pin in pinned(PEERS)}
+    ours = {(canonicalize_name(pin.name), str(pin.marker)): version(pin) for pin in PINS}
+    common = theirs.keys() & ours.keys()
+    assert ("numpy", "None") in common and ("filterpy", "None") in common
+    assert {key: theirs[key] for key in common} == {key: ours[key] for key in common}, AGAIN
+    for requirement in map(Requirement, PROJECT["optional-dependencies"]["peers"]):
+        assert requirement.specifier.contains(theirs[canonicalize_name(requirement.name), "None"]), AGAIN
+        assert not pins(requirement.name), f"{requirement.name} does not belong into everybody's environment"

@@ -144,7 +144,7 @@ def test_eq_manipulator():
     lagrangian = sp.lambdify([d.states, d.parameters], d.mechanics.lagrangian)
     L = lambda q, v: lagrangian([q[0], v[0], q[1], v[1]], values)  # noqa: E731
     b1, b2 = SYSTEM.parameters["b1"], SYSTEM.parameters["b2"]
-    E, h = np.eye(2), 1e-4
+    E, h = np.eye(2), 3e-4
     for x in stream("tests/equations/manipulator").uniform(-2, 2, (5, 4)):
         q, v = x[0::2], x[1::2]
         momentum = lambda q, v: np.array([L(q, v + h * e) - L(q, v - h * e) for e in E]) / (2 * h)  # noqa: E731

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..lagrange import euler_lagrange
+from ..lagrange import euler_lagrange, tidied
 from ..system import Derivation, Quantity, System, refuse_nothing
 
 _STATES = (
@@ -44,7 +44,7 @@ def _arms_lagrangian(l1, m1, c1, I1, m2, c2, I2, g):
     speed1, speed2 = centre1.jacobian(q) * v, centre2.jacobian(q) * v
     T = (m1 * speed1.dot(speed1) + I1 * omega1**2 + m2 * speed2.dot(speed2) + I2 * omega2**2) / 2
     V = g * (m1 * centre1[1] + m2 * centre2[1])
-    return sp.simplify(T) - sp.expand(V)
+    return tidied(T) - sp.expand(V)
 
 
 def _derivation(lagrangian, parameters, b1, b2) -> Derivation:
