@@ -243,3 +243,14 @@ def test_model_and_sensor_that_inherit_speak_for_themselves(runs):
         found = track(prior, m, s, z, Q)
         assert_same(found, track(prior, m, s, z, Q, method=ITSELF[ekf]))
         assert np.abs(found.cov - plain.cov).max() > 1e-7
+
+
+@each_filter
+@each_lead
+def test_whole_turns_of_a_measured_angle_change_nothing(method, runs):
+    """In straight lines, and in the filter itself, for one track and for stacks of them."""
+    prior, model, sensor, z, Q, _ = setting(*list(worlds())[1][1:], runs)
+    turned = z + 2 * np.pi * stream("straight/turns").integers(-3, 4, z.shape)
+    for choice in (method, ITSELF[method]):
+        plain, other = (track(prior, model, sensor, some, Q, method=choice) for some in (z, turned))
+        np.testing.assert_allclose(other.mean, plain.mean, rtol=1e-10, atol=1e-11)

@@ -312,6 +312,13 @@ DEFECTS = [
         "angles.py",
         "for i in np.flatnonzero(is_angle):\n        turns",
         "for i in ():\n        turns",
+        STRAIGHT + "test_whole_turns_of_a_measured_angle_change_nothing",
+    ),
+    Defect(
+        "residuals of recorded angles are not wrapped",
+        "angles.py",
+        "_wrap_unknown(difference[..., i])",
+        "difference[..., i]",
         FILTERS + "test_whole_turns_of_state_or_measurement_change_nothing",
     ),
     Defect(
