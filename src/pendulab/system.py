@@ -37,9 +37,10 @@ class Derivation:
         import sympy as sp
 
         x, u = sp.Matrix(self.states), sp.Matrix(self.inputs)
-        outputs = {"f": list(self.flow), "jacobian_x": list(self.flow.jacobian(x))}
+        A = self.flow.jacobian(x)
+        outputs = {"f": list(self.flow), "jacobian_x": list(A)}
         # Both at once for the filters: sines, cosines and the mass matrix are shared, one row a state.
-        rows = zip(self.flow, self.flow.jacobian(x).tolist(), strict=True)
+        rows = zip(self.flow, A.tolist(), strict=True)
         outputs["linearised"] = [entry for rate, row in rows for entry in (rate, *row)]
         outputs["jacobian_u"] = list(self.flow.jacobian(u)) if self.inputs else []
         energy = self.mechanics.energy if self.mechanics else self.energy

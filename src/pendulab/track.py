@@ -87,8 +87,8 @@ def track(
 
     Raises
     ------
-    ValueError : a shape does not fit, Q is no covariance, or times are given to an adaptive scheme; the
-        message gives what was expected
+    ValueError : a shape does not fit, Q is no covariance, or times are given to a scheme that cannot use
+        them; the message gives what was expected
     FilterDiverged : a covariance lost its positive definiteness; the message gives step, run and eigenvalue
     """
     z, us = _checked(prior, model, sensor, z, us)
