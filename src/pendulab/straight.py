@@ -81,8 +81,9 @@ def line(method, model, sensor, lead: tuple[int, ...], options: Mapping) -> Stra
         return None
     if method is ekf and not options and (not lead or math.prod(lead) >= _FEWEST_RUNS):
         return StraightLine(method, sensor, lead, None)
-    if method is ukf and not lead and options.keys() <= {"points"}:
-        return StraightLine(method, sensor, lead, options.get("points", scaled()))
+    points = options.get("points", scaled())
+    if method is ukf and not lead and options.keys() <= {"points"} and type(points) is PointSet:
+        return StraightLine(method, sensor, lead, points)
     return None
 
 

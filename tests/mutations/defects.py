@@ -22,6 +22,8 @@ MORE = "laws/test_more_filters.py::"
 RANDOM = "laws/test_properties.py::"
 
 STRAIGHT = "laws/test_straight.py::"
+SLIDES = "replications/test_ukfslides.py::"
+REPORT = "replications/test_muzaffari2024.py::"
 DEFECTS = [
     # ------------------------------------------------------------------------------------- predictions
     Defect(
@@ -558,5 +560,55 @@ DEFECTS = [
         "q, r = scales.T[..., None, None]",
         "r, q = scales.T[..., None, None]",
         "laws/test_adaptive.py::test_both_scales_are_found_together_by_the_likelihood",
+    ),
+    # ------------------------------------------------------------------------------------ replications
+    Defect(
+        "slides: the mixed cross covariance is put right",
+        "replications/ukfslides.py",
+        "dX = predicted.points - predicted.mean[..., None, :]",
+        "dX = points.points(predicted) - predicted.mean[..., None, :]",
+        SLIDES + "test_mixed_points_leave_a_velocity_uncorrected_after_a_diagonal_covariance",
+    ),
+    Defect(
+        "slides: a negative eigenvalue is taken by its size before the root",
+        "replications/ukfslides.py",
+        "roots = np.emath.sqrt(values)",
+        "roots = np.sqrt(np.abs(values))",
+        SLIDES + "test_complex_points_are_refused_where_the_listing_goes_on",
+    ),
+    Defect(
+        "the report's EKF linearises its step after all",
+        "replications/muzaffari2024.py",
+        'says that this is right.\n    """\n    return model.system.jacobian_x(after, u)',
+        'says that this is right.\n    """\n    return model.jacobian(before, u)',
+        REPORT + "test_replica_of_the_ekf_is_the_listing",
+    ),
+    Defect(
+        "the report's AUKF leaves ε out of Q",
+        "replications/muzaffari2024.py",
+        "model, self._more(memory.Q), u",
+        "model, memory.Q, u",
+        REPORT + "test_replica_of_the_aukf_is_the_listing_with_functions_of_the_latest_innovation",
+    ),
+    Defect(
+        "the report's AUKF shows its functions the oldest innovations for ever",
+        "replications/muzaffari2024.py",
+        "(*memory.innovations, update.innovation)[-self.window :]",
+        "(*memory.innovations, update.innovation)[: self.window]",
+        REPORT + "test_guessed_window_is_the_mean_square_of_the_latest_innovations",
+    ),
+    Defect(
+        "the report's table: the data of a level begin with the sample that the filter starts from",
+        "replications/muzaffari2024.py",
+        "for first in range(1, len(states), _PIECE):",
+        "for first in range(0, len(states), _PIECE):",
+        REPORT + "test_table_is_the_rmse_of_one_track_with_the_first_sample_counted_as_known",
+    ),
+    Defect(
+        "straight lines draw the points of another root",
+        "straight.py",
+        " and type(points) is PointSet",
+        "",
+        SLIDES + "test_points_of_the_slides_serve_the_right_filter_alone_and_among_many",
     ),
 ]
