@@ -59,7 +59,7 @@ def scaled(alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> PointSe
     Parameters
     ----------
     alpha : spread of the points, positive
-    beta : knowledge of the distribution's tails; 2 for a Gaussian
+    beta : weight of the middle in covariances; 2 gives a Gaussian's variance right in one dimension
     kappa : secondary spread; n + kappa must be positive
 
     Raises
