@@ -54,6 +54,7 @@ NOT_PROSE = (
     r"\]\([^)\n]*\)|<https?:[^>\n]*>",  # where links lead
     r"^\|.*?\|$",  # tables
     r"^:[\w-]+:[^\n]*$",  # options of directives
+    r"^[`:]{3,}\{solution(-start)?\}[^\n]*$",  # which exercise is solved
     r"^\([^\n]*\)=$",  # labels
     r"^%[^\n]*$",  # comments
 )
