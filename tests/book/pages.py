@@ -41,11 +41,10 @@ class Links(HTMLParser):
             self.loads.append(at["src"])
 
 
-QUOTED = "code-cell|math|literalinclude|code-block|figure|image|bibliography|tableofcontents"
+QUOTED = {"code-cell", "math", "literalinclude", "code-block", "figure", "image", "bibliography"}
+QUOTED |= {"tableofcontents", "index", "glue"}
+FENCE = re.compile(r"^(?P<fence>`{3,}|:{3,})(?:\{(?P<name>[\w:-]+)\}|(?P<language>\w+))?(?P<rest>.*)$")
 NOT_PROSE = (
-    r"\A---\n.*?^---\n",  # the page's own header
-    rf"^(?P<fence>`{{3,}}|:{{3,}})\{{({QUOTED})\}}.*?^(?P=fence)\s*$",  # directives that hold no sentences
-    r"^(?P<plain>`{3,})\w*\n.*?^(?P=plain)\s*$",  # code
     r"\$\$.*?\$\$",
     r"\\begin\{(\w+\*?)\}.*?\\end\{\1\}",
     r"(?<![\\$])\$[^$\n]+(\n[^$\n]+)?\$",
@@ -54,7 +53,6 @@ NOT_PROSE = (
     r"\]\([^)\n]*\)|<https?:[^>\n]*>",  # where links lead
     r"^\|.*?\|$",  # tables
     r"^:[\w-]+:[^\n]*$",  # options of directives
-    r"^[`:]{3,}\{solution(-start)?\}[^\n]*$",  # which exercise is solved
     r"^\([^\n]*\)=$",  # labels
     r"^%[^\n]*$",  # comments
 )
@@ -62,9 +60,33 @@ NOT_PROSE = (
 
 def prose(text: str) -> str:
     """The words of a page, line by line; all that is computed, typeset or quoted is blanked out."""
+    text = re.sub(r"\A---\n.*?^---\n", lambda header: "\n" * header[0].count("\n"), text, flags=re.M | re.S)
+    text = "\n".join(_outside_of_quotes(text.split("\n")))
     for pattern in NOT_PROSE:
         text = re.sub(pattern, lambda match: re.sub(r"[^\n]", " ", match[0]), text, flags=re.M | re.S)
     return text
+
+
+def _outside_of_quotes(lines: list[str]) -> list[str]:
+    """The same lines, those of code and of directives without sentences empty."""
+    kept, open_directives, quote = [], [], None
+    for line in lines:
+        fence = FENCE.match(line)
+        if quote is not None:  # nothing counts but the end of what is quoted
+            quote = None if fence and line.strip() == quote else quote
+            kept.append("")
+        elif fence is None:
+            kept.append(line)
+        elif open_directives and line.strip() == open_directives[-1]:
+            open_directives.pop()
+            kept.append("")
+        elif fence["name"] and fence["name"] not in QUOTED:
+            open_directives.append(fence["fence"])
+            kept.append(fence["rest"] if fence["name"] == "admonition" else "")
+        else:
+            quote = fence["fence"]
+            kept.append("")
+    return kept
 
 
 def said_in_figures(text: str) -> str:
