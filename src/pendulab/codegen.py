@@ -44,9 +44,8 @@ def _cos_by_tan(angle: np.ndarray) -> np.ndarray:
 
 def _sincos_by_tan(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     t = np.tan(0.5 * angle)
-    square = t * t
-    share = 1 / (1 + square)
-    return (t + t) * share, (1 - square) * share
+    share = 2 / (1 + t * t)
+    return t * share, share - 1
 
 
 def _tangent_in_vector_instructions() -> bool:
@@ -202,11 +201,15 @@ class _StraightLines:
         (self.moving if moves else self.fixed).append((", ".join(s.name for s in targets), e))
 
     def _fixed_parts_apart(self, e: sp.Expr) -> sp.Expr:
+        import sympy as sp
+
         if not e.args:
             return e
         moving = self.moving_symbols & e.free_symbols
         if not moving:
             return self._name(e)
+        if e.is_Add:
+            e = sp.collect(e, sorted(moving, key=str))
         if not (e.is_Add or e.is_Mul):
             return e.func(*(self._fixed_parts_apart(a) for a in e.args))
         still, rest = e.as_independent(*moving, as_Add=e.is_Add)

@@ -174,7 +174,7 @@ def cholesky(P: Array, what: str) -> Array:
             below = P[..., i, j].copy()
             for k in range(j):
                 below -= L[..., i, k] * L[..., j, k]
-            L[..., i, j] = below / root
+            L[..., i, j] = below * (1 / root)
     return L
 
 
@@ -221,7 +221,7 @@ def solve_lower(L: Array, B: Array) -> Array:
     for j in range(L.shape[-1]):
         for k in range(j):
             X[..., j, :] -= L[..., j, k, None] * X[..., k, :]
-        X[..., j, :] /= L[..., j, j, None]
+        X[..., j, :] *= 1 / L[..., j, j, None]
     return X
 
 
@@ -233,7 +233,7 @@ def solve_factored(L: Array, B: Array) -> Array:
     for j in reversed(range(L.shape[-1])):
         for k in range(j + 1, L.shape[-1]):
             X[..., j, :] -= L[..., k, j, None] * X[..., k, :]
-        X[..., j, :] /= L[..., j, j, None]
+        X[..., j, :] *= 1 / L[..., j, j, None]
     return X
 
 

@@ -543,8 +543,8 @@ DEFECTS = [
     Defect(
         "sine and cosine of half the angle",
         "codegen.py",
-        "return (t + t) * share, (1 - square) * share",
-        "return t * share, (1 - square) * share",
+        "return t * share, share - 1",
+        "return 0.5 * t * share, share - 1",
         STRAIGHT + "test_one_by_one_together_and_in_blocks_are_the_same",
     ),
     Defect(
