@@ -35,6 +35,7 @@ from .gaussian import Gaussian
 from .likelihood import maximum_likelihood
 from .linalg import FilterDiverged
 from .linear_model import LinearModel, ramps
+from .logarithms import in_logarithms
 from .noise import input_noise, van_loan, white_acceleration
 from .simulate import simulate, stream
 from .system import System
@@ -57,6 +58,7 @@ __all__ = [
     "discretize",
     "ekf",
     "grid",
+    "in_logarithms",
     "input_noise",
     "iterated_ekf",
     "kalman",

@@ -22,7 +22,7 @@ ROOMS = [
     {"systems"},
     {"linear_model"},
     {"discretize", "sensors"},
-    {"augment", "noise"},
+    {"augment", "logarithms", "noise"},
     {"simulate"},
     {"sigma_points"},
     {"kalman"},

@@ -1,5 +1,7 @@
 """A parameter among the states: the same physics, a column in every Jacobian, and a filter that learns it."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -225,6 +227,7 @@ def test_start_appends_the_first_guesses_one_for_all_runs_or_one_for_each():
 
 def test_each_augmentation_has_its_own_code_and_is_derived_once(tmp_path, monkeypatch):
     monkeypatch.setenv("PENDULAB_CACHE", str(tmp_path))
+    sys.modules["pendulab.system"]._compiled.cache_clear()  # what other tests of this process have compiled
     system = systems.simple_pendulum()
     x, u = np.array([0.4, 1.0, 2.0]), np.array([0.3])
     by_mass, by_length = augment(system, mass=2.0), augment(system, length=2.0)
