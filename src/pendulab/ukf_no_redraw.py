@@ -3,8 +3,7 @@
 It saves a Cholesky factor and is common in reports. The propagated points carry the covariance *without* Q,
 and here they serve for state and measurement alike, so the update is that of a belief without Q, and Q is
 what is added to its result. On a linear model this filter is, step by step, the Kalman filter whose process
-noise comes after the measurement: its innovation covariance lacks H Q Hᵀ of this step and has too much of the
-earlier ones, and NIS says so. (To mix fresh
+noise comes after the measurement: its innovation covariance lacks H Q Hᵀ, and NIS says so. (To mix fresh
 measurement points with the old state points is neither filter: Σ wᵢ (X⁻ᵢ − x)(Zᵢ − z)ᵀ is no covariance of
 anything.)
 """
