@@ -418,8 +418,10 @@ def test_every_equation_that_the_package_names_is_in_the_book():
         assert not missing, f"{module.name} names equations that no page has: {sorted(missing)}"
 
 
-def test_every_equation_of_the_book_that_the_package_names_is_tested_here():
+def test_every_equation_of_the_book_that_the_package_names_is_tested_among_the_equations():
     package = "\n".join(p.read_text(encoding="utf-8") for p in (ROOT / "src" / "pendulab").rglob("*.py"))
+    tests = "\n".join(p.read_text(encoding="utf-8") for p in Path(__file__).parent.glob("test_equations*.py"))
     for label in sorted(labels_of_the_book()):
         if re.search(rf"\b{label}\b(?!-)", package):
-            assert f"test_{label.replace('-', '_')}" in globals(), f"{label} has no test of its name"
+            name = f"test_{label.replace('-', '_')}"
+            assert f"def {name}(" in tests, f"{label} has no test of its name among those of the equations"
