@@ -254,3 +254,13 @@ def test_whole_turns_of_a_measured_angle_change_nothing(method, runs):
     for choice in (method, ITSELF[method]):
         plain, other = (track(prior, model, sensor, some, Q, method=choice) for some in (z, turned))
         np.testing.assert_allclose(other.mean, plain.mean, rtol=1e-10, atol=1e-11)
+
+
+@each_filter
+@each_lead
+def test_covariances_of_the_filter_itself_are_symmetric_to_the_last_bit(method, runs):
+    """Straight lines keep one half only; the filter has to see to it."""
+    prior, model, sensor, z, Q, _ = setting(*next(worlds())[1:], runs)
+    found = track(prior, model, sensor, z, Q, method=ITSELF[method])
+    for P in (found.cov, found.predicted_cov, found.innovation_cov):
+        np.testing.assert_array_equal(P, np.swapaxes(P, -1, -2))
