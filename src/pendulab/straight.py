@@ -45,9 +45,7 @@ class StraightLine:
         self.method, self.lead, self.points = method, lead, points
         self.n, self.m = sensor.n, sensor.m
         self._R = components(sensor.R, self.m)
-        zeros = (sensor.R.reshape(-1, self.m, self.m) == 0).all(axis=0)
-        masks = tuple(sensor.is_angle.tolist()), tuple(map(tuple, zeros.tolist()))
-        code = _update_code(method, sensor.H.tobytes(), self.n, self.m, *masks, points)
+        code = updating(method, sensor, points)
         self._update = (code.array if lead else code.scalar)["update"]()
         self._predictions: dict[int, tuple] = {}  # with what they belong to, so that its id stays taken
         self._noises: dict[int, tuple] = {}
@@ -63,12 +61,8 @@ class StraightLine:
         return self._update(x, P, z, self._R)
 
     def _prediction(self, model: Model) -> Function:
-        needed = "tangent" if self.method is ekf else "step"
-        constant, is_angle = model.code.constant[needed], tuple(model.is_angle.tolist())
-        code, function = (
-            _predict_code(self.method, self.n, constant, is_angle, self.points),
-            model.functions[needed],
-        )
+        code = predicting(self.method, model, self.points)
+        function = model.functions[_needed(self.method)]
         if self.lead:
             return code.array["predict"](function.array(len(self.lead)))
         return code.scalar["predict"](function.scalar)
@@ -188,8 +182,27 @@ def mirrored(n: int) -> Array:
 # --------------------------------------------------------------------------------------- the recordings
 
 
+def predicting(method, model: Model, points: PointSet | None) -> Generated:
+    """A filter's prediction with a model as straight lines; they call the model's step or tangent."""
+    constant, is_angle = model.code.constant[_needed(method)], tuple(model.is_angle.tolist())
+    return prediction_code(method, model.n, constant, is_angle, points)
+
+
+def updating(method, sensor: LinearSensor, points: PointSet | None) -> Generated:
+    """A filter's update with a linear sensor as straight lines."""
+    zeros = (sensor.R.reshape(-1, sensor.m, sensor.m) == 0).all(axis=0)
+    masks = tuple(sensor.is_angle.tolist()), tuple(map(tuple, zeros.tolist()))
+    return update_code(method, sensor.H.tobytes(), sensor.n, sensor.m, *masks, points)
+
+
+def _needed(method) -> str:
+    return "tangent" if method is ekf else "step"
+
+
 @functools.lru_cache(maxsize=64)
-def _predict_code(method, n: int, constant: tuple, is_angle: tuple[bool, ...], points: PointSet) -> Generated:
+def prediction_code(
+    method, n: int, constant: tuple, is_angle: tuple[bool, ...], points: PointSet
+) -> Generated:
     def record(recorder: Recorder) -> list:
         def tangent(x, u):
             outputs = np.array(recorder.call("function", x, constant), dtype=object)
@@ -208,7 +221,7 @@ def _predict_code(method, n: int, constant: tuple, is_angle: tuple[bool, ...], p
 
 
 @functools.lru_cache(maxsize=64)
-def _update_code(method, H: bytes, n: int, m: int, is_angle, zeros, points: PointSet) -> Generated:
+def update_code(method, H: bytes, n: int, m: int, is_angle, zeros, points: PointSet) -> Generated:
     def record(recorder: Recorder) -> list:
         belief, z = _belief(recorder, n), recorder.given(_names("z", m))
         R = np.where(zeros, 0, _symmetric(recorder, "R", m))

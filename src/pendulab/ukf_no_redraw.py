@@ -3,7 +3,8 @@
 It saves a Cholesky factor and is common in reports. The propagated points carry the covariance *without* Q,
 and here they serve for state and measurement alike, so the update is that of a belief without Q, and Q is
 what is added to its result. On a linear model this filter is, step by step, the Kalman filter whose process
-noise comes after the measurement: its innovation covariance lacks H Q Hᵀ, and NIS says so. (To mix fresh
+noise comes after the measurement: its innovation covariance is that of a belief without Q. Its own P, from
+which Q is not missing, is then larger than need be, and in the steady state NIS is too small. (To mix fresh
 measurement points with the old state points is neither filter: Σ wᵢ (X⁻ᵢ − x)(Zᵢ − z)ᵀ is no covariance of
 anything.)
 """

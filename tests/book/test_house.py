@@ -35,7 +35,7 @@ ROOMS = [
     {"adaptive"},
     {"track"},
     {"smooth", "observability", "chaos"},
-    {"consistency", "bounds"},
+    {"consistency", "bounds", "cost"},
     {"montecarlo", "recordings"},
     {"plotting", "animation", "page"},
     {"replications"},
