@@ -19,6 +19,13 @@ async ({ scheme, painted }) => {
   document.querySelectorAll("mjx-merror, [data-mjx-error]").forEach(element =>
     wrong.push("mathematics with an error: " + (element.dataset.mjxError || element.textContent)));
 
+  for (const cell of document.querySelectorAll(".bd-article :is(p, li, td, th, figcaption)")) {
+    const words = cell.cloneNode(true);
+    words.querySelectorAll("code, pre, .math, mjx-container").forEach(part => part.remove());
+    const dollars = words.textContent.match(/\$[^$]+\$/);
+    if (dollars) wrong.push("mathematics that nobody typeset: " + dollars[0]);
+  }
+
   for (const image of document.images) {
     if (!image.complete || !image.naturalWidth) wrong.push("image not loaded: " + image.src);
     if (!image.alt.trim()) wrong.push("image without alt text: " + image.src);

@@ -61,13 +61,13 @@ NOT_PROSE = (
 def prose(text: str) -> str:
     """The words of a page, line by line; all that is computed, typeset or quoted is blanked out."""
     text = re.sub(r"\A---\n.*?^---\n", lambda header: "\n" * header[0].count("\n"), text, flags=re.M | re.S)
-    text = "\n".join(_outside_of_quotes(text.split("\n")))
+    text = "\n".join(outside_of_quotes(text.split("\n")))
     for pattern in NOT_PROSE:
         text = re.sub(pattern, lambda match: re.sub(r"[^\n]", " ", match[0]), text, flags=re.M | re.S)
     return text
 
 
-def _outside_of_quotes(lines: list[str]) -> list[str]:
+def outside_of_quotes(lines: list[str]) -> list[str]:
     """The same lines, those of code and of directives without sentences empty."""
     kept, open_directives, quote = [], [], None
     for line in lines:

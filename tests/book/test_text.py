@@ -78,3 +78,23 @@ def test_no_result_is_typed_into_prose(page):
         if found not in allowed
     ]
     assert not typed, "glue these, or give the reason in tests/book/decimals.toml:\n" + "\n".join(typed)
+
+
+COMMENT = re.compile(r"^%\s.*")
+
+
+def swallowed(text: str) -> list[str]:
+    """Lines of prose that begin with a percent sign, which the book's language takes for a comment."""
+    lines = pages.outside_of_quotes(text.split("\n"))
+    return [line for line in lines if COMMENT.match(line)]
+
+
+def test_swallowed_lines_are_found():
+    text = "It grew by 3\n% in a year.\n\n```{code-cell} ipython3\n% not prose\n```\n"
+    assert swallowed(text) == ["% in a year."]
+
+
+def test_no_sentence_is_swallowed_as_a_comment():
+    texts = {page.name: page.read_text(encoding="utf-8") for page in pages.markdown()}
+    lost = [f"{name}: {line}" for name, text in texts.items() for line in swallowed(text)]
+    assert not lost, "break these lines elsewhere:\n" + "\n".join(lost)
