@@ -32,6 +32,11 @@ def lab():
 
 
 @pytest.fixture(scope="session")
+def short():
+    return SHORT
+
+
+@pytest.fixture(scope="session")
 def grader(lab):
     return Grader(lab, seed=12, limits=SHORT)
 

@@ -29,6 +29,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pendulab.grading.evaluate import of_expression, of_figure
+
 _collected: list | None = None
 
 
@@ -59,7 +61,7 @@ class Law(NamedTuple):
 
 @dataclass
 class Question:
-    """What a question asks and how its answer is judged. Made by `question` and `number`.
+    """What a question asks and how its answer is judged. Made by `question`, `number` and the others.
 
     `reference` is a function of the inputs (a constant one for a number). An answer is right where it is
     within `atol + rtol * max|expected|` of the reference, part by part and case by case.
@@ -77,6 +79,7 @@ class Question:
     laws: list[Law] = field(default_factory=list)
     count: int = 1
     make: Callable = lambda rng, k: ("", {})
+    evaluated: Callable = lambda variant: variant  # what makes numbers of a mistake's value
 
     def cases(self, count: int):
         """Decorate `make(rng, k)`, which gives (label, inputs) of the k-th of `count` cases."""
@@ -91,7 +94,7 @@ class Question:
         """Decorate a wrong variant; an answer equal to it, where it is wrong, earns this message."""
 
         def decorate(variant):
-            self.mistakes.append(Mistake(message, variant))
+            self.mistakes.append(Mistake(message, self.evaluated(variant)))
             return variant
 
         return decorate
@@ -189,6 +192,75 @@ def number(
 ) -> Question:
     """Declare a question whose answer is a variable called `name`, a number of these units."""
     return _declare(name, "variable", lambda: value, points, rtol, atol, units, None)
+
+
+def expression(
+    name: str,
+    value,
+    *,
+    points: float,
+    symbols: dict[str, tuple[float, float]],
+    cases: int = 8,
+    rtol: float = 1e-9,
+    units: str = "",
+    parts: dict[str, tuple[float, Callable]] | None = None,
+) -> Question:
+    """Declare a question whose answer is a variable called `name`, a SymPy expression or a matrix of them.
+
+    It is right if it has the value of the solution's at points that nobody has seen; how it is written does
+    not matter. A mistake is a function without arguments that returns a wrong expression.
+
+    Parameters
+    ----------
+    value   : the solution's
+    symbols : name -> (lowest, highest) value; the answer may contain these symbols and no others
+    cases   : number of points at which it is compared
+    """
+
+    def evaluated(made):
+        return lambda at: of_expression(made(), at)
+
+    asked = _declare(name, "expression", evaluated(lambda: value), points, rtol, 1e-12, units, parts)
+    asked.evaluated = evaluated
+
+    @asked.cases(cases)
+    def _(rng, k):
+        return "", dict(at={symbol: float(rng.uniform(*ends)) for symbol, ends in symbols.items()})
+
+    return asked
+
+
+def figure(
+    name: str,
+    drawing,
+    *,
+    points: float,
+    curves: dict[str, np.ndarray],
+    rtol: float = 1e-2,
+    units: str = "",
+) -> Question:
+    """Declare a question whose answer is a variable called `name`, a Matplotlib figure or its axes.
+
+    The data of its labelled curves are compared; what a reader sees in them is for a person to mark. A
+    mistake is a function of (curve, x) that returns wrong values (n,).
+
+    Parameters
+    ----------
+    drawing : the solution's
+    curves  : label of a line -> places x (n,) at which it is compared; a share of the points for each
+    rtol    : relative to the largest value of the curve
+    """
+    asked = _declare(
+        name, "figure", lambda curve, x: of_figure(drawing, curve, x), points, rtol, 1e-12, units, None
+    )
+    places = [(label, np.asarray(x, dtype=float)) for label, x in curves.items()]
+
+    @asked.cases(len(places))
+    def _(rng, k):
+        label, x = places[k]
+        return f"curve {label!r}", dict(curve=label, x=x)
+
+    return asked
 
 
 def _declare(name, kind, reference, points, rtol, atol, units, parts):

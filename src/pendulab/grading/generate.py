@@ -17,7 +17,10 @@ from traitlets.config import Config
 from pendulab.grading.files import write_atomically
 from pendulab.grading.lab import CODE_STUB, HIDDEN, TEXT_STUB
 
-LEFTOVERS = re.compile(r"(BEGIN|END) SOLUTION|pendulab\.grading import .*(question|number)|\.rehearse\(")
+LEFTOVERS = re.compile(
+    r"(BEGIN|END) SOLUTION|pendulab\.grading import .*(question|number|expression|figure)"
+    r"|\.rehearse\("
+)
 KERNEL = {
     "kernelspec": {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"},
     "language_info": {"name": "python"},

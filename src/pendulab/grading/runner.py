@@ -1,8 +1,8 @@
 """A student's cells, then calls of the functions they defined. Runs inside the sandbox only.
 
-This file and `warden.py` stand alone (standard library and NumPy): nothing of `pendulab` exists in the
-box. What is said here goes to the warden as JSON lines, and nothing of it is believed: the judge scores
-numbers only, and only right numbers for hidden inputs score.
+This file, `warden.py` and `evaluate.py` stand alone (standard library and NumPy): nothing of `pendulab`
+exists in the box. What is said here goes to the warden as JSON lines, and nothing of it is believed: the
+judge scores numbers only, and only right numbers for hidden inputs score.
 """
 
 import contextlib
@@ -189,6 +189,17 @@ def revive(value):
     return value
 
 
+def value_of(answer, kind, args):
+    """What is asked of an answer of this kind; None where it is not there yet."""
+    if kind == "function":
+        return answer(*args)
+    if answer is None or kind == "variable":
+        return answer
+    from evaluate import of_expression, of_figure  # beside this file in the box
+
+    return (of_expression if kind == "expression" else of_figure)(answer, *args)
+
+
 def answer_question(question, namespace, job, say):
     """All calls of one question, in a process of their own."""
     name = question["name"]
@@ -198,9 +209,7 @@ def answer_question(question, namespace, job, say):
     for k, args in enumerate(question["calls"]):
         allow(job["call_cpu"], job["question_cpu"])
         try:
-            value = namespace[name]
-            if question["kind"] == "function":
-                value = value(*[revive(a) for a in args])
+            value = value_of(namespace[name], question["kind"], [revive(a) for a in args])
             line = outputs_of(value, question["outputs"], namespace[name])
         except BaseException as error:
             line = {"error": describe(error)}

@@ -123,7 +123,7 @@ def file_options(packages: tuple[str, ...], disk: int) -> tuple[str, ...]:
     for path in (python, *package_files(packages)):
         options += [*parents(path), "--ro-bind", str(path), str(path)]
     options += ["--perms", "0755", "--dir", "/box"]
-    for name in ("warden.py", "runner.py"):
+    for name in ("warden.py", "runner.py", "evaluate.py"):
         options += ["--ro-bind", str(HERE / name), f"/box/{name}"]
     return tuple(options + sealed)
 

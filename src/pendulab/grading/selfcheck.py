@@ -8,7 +8,7 @@
 The checks run at once, inside a function so that their names cannot collide with the student's. The
 first that fails ends them with its message, so there is one thing to mend at a time. A function whose
 body is still the empty one of the lab counts as not answered. Nothing here knows an answer; NumPy and
-SciPy suffice.
+SciPy suffice, with SymPy where the answer is an expression.
 """
 
 import copy
@@ -17,6 +17,8 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
+
+from pendulab.grading.evaluate import of_expression
 
 NOT_YET = "not answered yet"
 SLOW, TOO_SLOW = 1.0, 5.0  # seconds of processor time for a call: to be told, to be stopped
@@ -123,6 +125,28 @@ class Checks:
         scale = max(1.0, np.abs(wanted).max(initial=0.0))
         text = np.array2string(found, precision=4, suppress_small=True)
         self.that(np.abs(found - wanted).max() <= tol * scale, sentence.replace("{found}", text))
+
+    def symbolic(self, found, symbols: tuple[str, ...], shape: tuple[int, ...] = ()):
+        """A SymPy expression, or a matrix of them of this shape, in no symbols but these."""
+        if self.missing:
+            self.fail(NOT_YET)
+        self.shape(self._at(found, dict.fromkeys(symbols, 0.7310585786)), shape, self.name)
+
+    def identity(
+        self, found, wanted, symbols: dict[str, tuple[float, float]], sentence: str, tol: float = 1e-8
+    ):
+        """Two expressions with the same value at six points; symbols: name -> (lowest, highest) value."""
+        rng = np.random.default_rng(0)
+        for _ in range(6):
+            at = {name: float(rng.uniform(*ends)) for name, ends in symbols.items()}
+            self.near(self._at(found, at), self._at(wanted, at), sentence, tol)
+        self.passed -= 5  # it is one check
+
+    def _at(self, expression, values):
+        try:
+            return of_expression(expression, values)
+        except (TypeError, ValueError) as error:
+            self.fail(f"it {error}.")
 
     def entries(
         self,
