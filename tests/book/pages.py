@@ -1,6 +1,7 @@
-"""Which pages the book has, read from its table of contents, and what stands in their HTML."""
+"""Which pages the book has, read from its table of contents, and what stands in their text and HTML."""
 
 import re
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 BOOK = ROOT / "book"
+sys.path.insert(0, str(BOOK / "_ext"))  # where the rules of the text are, for the build and for the tests
 TOC = yaml.safe_load((BOOK / "_toc.yml").read_text(encoding="utf-8"))
 
 
@@ -39,54 +41,6 @@ class Links(HTMLParser):
             self.loads.append(at["href"])
         elif tag != "a" and at.get("src"):
             self.loads.append(at["src"])
-
-
-QUOTED = {"code-cell", "math", "literalinclude", "code-block", "figure", "image", "bibliography"}
-QUOTED |= {"tableofcontents", "index", "glue"}
-FENCE = re.compile(r"^(?P<fence>`{3,}|:{3,})(?:\{(?P<name>[\w:-]+)\}|(?P<language>\w+))?(?P<rest>.*)$")
-NOT_PROSE = (
-    r"\$\$.*?\$\$",
-    r"\\begin\{(\w+\*?)\}.*?\\end\{\1\}",
-    r"(?<![\\$])\$[^$\n]+(\n[^$\n]+)?\$",
-    r"\{[\w:]+\}`[^`]*`",  # roles: glue, numref, cite, eq
-    r"(`+)(?!`)[^\n]*?(?<!`)\1(?!`)",  # code in a line
-    r"\]\([^)\n]*\)|<https?:[^>\n]*>",  # where links lead
-    r"^\|.*?\|$",  # tables
-    r"^:[\w-]+:[^\n]*$",  # options of directives
-    r"^\([^\n]*\)=$",  # labels
-    r"^%[^\n]*$",  # comments
-)
-
-
-def prose(text: str) -> str:
-    """The words of a page, line by line; all that is computed, typeset or quoted is blanked out."""
-    text = re.sub(r"\A---\n.*?^---\n", lambda header: "\n" * header[0].count("\n"), text, flags=re.M | re.S)
-    text = "\n".join(outside_of_quotes(text.split("\n")))
-    for pattern in NOT_PROSE:
-        text = re.sub(pattern, lambda match: re.sub(r"[^\n]", " ", match[0]), text, flags=re.M | re.S)
-    return text
-
-
-def outside_of_quotes(lines: list[str]) -> list[str]:
-    """The same lines, those of code and of directives without sentences empty."""
-    kept, open_directives, quote = [], [], None
-    for line in lines:
-        fence = FENCE.match(line)
-        if quote is not None:  # nothing counts but the end of what is quoted
-            quote = None if fence and line.strip() == quote else quote
-            kept.append("")
-        elif fence is None:
-            kept.append(line)
-        elif open_directives and line.strip() == open_directives[-1]:
-            open_directives.pop()
-            kept.append("")
-        elif fence["name"] and fence["name"] not in QUOTED:
-            open_directives.append(fence["fence"])
-            kept.append(fence["rest"] if fence["name"] == "admonition" else "")
-        else:
-            quote = fence["fence"]
-            kept.append("")
-    return kept
 
 
 def said_in_figures(text: str) -> str:

@@ -3,6 +3,7 @@
 import re
 
 import pages
+import pendulab_rules as rules
 import pytest
 from spellchecker import SpellChecker
 
@@ -28,7 +29,7 @@ def dictionary():
 @pytest.mark.parametrize("page", pages.markdown(), ids=lambda page: page.stem)
 def test_page_is_spelled_right(page, dictionary):
     text = page.read_text(encoding="utf-8")
-    wrong = unknown(pages.prose(text) + " " + pages.said_in_figures(text), dictionary)
+    wrong = unknown(rules.prose(text) + " " + pages.said_in_figures(text), dictionary)
     assert not wrong, f"{page.name}: {', '.join(wrong)}; mend them, or add them to tests/book/words.txt"
 
 

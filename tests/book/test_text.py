@@ -1,28 +1,13 @@
-"""What the source of a page may and may not say. Every rule names the page, the line and the way out."""
+"""What the source of a page may and may not say: book/_ext/pendulab_rules.py, and that its rules bite."""
 
-import ast
-import re
-import tomllib
+import subprocess
+import sys
 
 import pages
+import pendulab_rules as rules
 import pytest
 
 TESTS = pages.ROOT / "tests"
-ALLOWED = tomllib.loads((TESTS / "book" / "decimals.toml").read_text(encoding="utf-8"))
-LABEL = re.compile(
-    r"^:label: (?P<directive>\S+)$"  # ```{math} with a label
-    r"|^\$\$\s*\((?P<dollars>[\w:-]+)\)\s*$|\$\$\s*\((?P<inline>[\w:-]+)\)\s*$"  # $$ ... $$ (eq-name)
-    r"|\\label\{(?P<latex>[^}]+)\}",  # an amsmath environment
-    re.M,
-)
-
-
-def equations(text: str) -> list[str]:
-    """Labels of the equations on a page; labels of exercises and theorems are not among them."""
-    math = re.findall(r"^(`{3,}|:{3,})\{math\}\n(.*?)^\1", text, re.M | re.S)
-    rest = re.sub(r"^(`{3,}|:{3,})\{.*?^\1\s*$", "", text, flags=re.M | re.S)
-    found = [match for part in [*(body for _, body in math), rest] for match in LABEL.finditer(part)]
-    return [next(label for label in match.groups() if label) for match in found]
 
 
 def test_equations_are_found_however_they_are_labelled():
@@ -30,32 +15,7 @@ def test_equations_are_found_however_they_are_labelled():
         "```{math}\n:label: eq-one\nx\n```\n\n$$ y $$ (eq-two)\n\n$$\nz\n$$ (eq-three)\n\n"
         "\\begin{align}\nw \\label{eq-four}\n\\end{align}\n\n```{exercise}\n:label: ex-five\nThink.\n```\n"
     )
-    assert sorted(equations(text)) == ["eq-four", "eq-one", "eq-three", "eq-two"]
-
-
-def test_every_labelled_equation_has_a_test_of_its_name():
-    functions = {
-        node.name
-        for path in TESTS.rglob("test_*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef)
-    }
-    wanting = []
-    for page in pages.markdown():
-        for label in equations(page.read_text(encoding="utf-8")):
-            name = "test_" + label.replace("-", "_")
-            if not label.startswith("eq-"):
-                wanting.append(
-                    f"{page.name}: call the equation {label} eq-{label}, so that its test can be found"
-                )
-            elif name not in functions:
-                wanting.append(
-                    f"{page.name}: the equation {label} needs a test {name} somewhere under tests/"
-                )
-    assert not wanting, "\n".join(wanting)
-
-
-DECIMAL = re.compile(r"(?<![\w.])[-−]?\d+\.\d+(?![\w.]*\d)")
+    assert sorted(rules.equations(text)) == ["eq-four", "eq-one", "eq-three", "eq-two"]
 
 
 def test_prose_is_what_is_left():
@@ -64,37 +24,93 @@ def test_prose_is_what_is_left():
         "```{code-cell} ipython3\nx = 4.25\n```\n\n| 5.25 |\n\n$$ 6.25 $$\n\n[link](https://a.b/7.25)\n\n"
         "```{exercise}\n:label: ex-8.25\nUse -0.5 m, about 1.5.\n```\n"
     )
-    assert DECIMAL.findall(pages.prose(text)) == ["1.25", "-0.5", "1.5"]
-
-
-@pytest.mark.parametrize("page", pages.markdown(), ids=lambda page: page.stem)
-def test_no_result_is_typed_into_prose(page):
-    """A number in the text is glued, is mathematics, or stands in decimals.toml with its reason."""
-    allowed = ALLOWED.get(page.relative_to(pages.BOOK).with_suffix("").as_posix(), {}) | ALLOWED["everywhere"]
-    typed = [
-        f"{page.name}, line {number}: {found}"
-        for number, line in enumerate(pages.prose(page.read_text(encoding="utf-8")).splitlines(), start=1)
-        for found in DECIMAL.findall(line)
-        if found not in allowed
-    ]
-    assert not typed, "glue these, or give the reason in tests/book/decimals.toml:\n" + "\n".join(typed)
-
-
-COMMENT = re.compile(r"^%\s.*")
-
-
-def swallowed(text: str) -> list[str]:
-    """Lines of prose that begin with a percent sign, which the book's language takes for a comment."""
-    lines = pages.outside_of_quotes(text.split("\n"))
-    return [line for line in lines if COMMENT.match(line)]
+    assert [found for _, found in rules.decimals(text, {})] == ["1.25", "-0.5", "1.5"]
+    assert [found for _, found in rules.decimals(text, {"1.5": "a reason"})] == ["1.25", "-0.5"]
 
 
 def test_swallowed_lines_are_found():
     text = "It grew by 3\n% in a year.\n\n```{code-cell} ipython3\n% not prose\n```\n"
-    assert swallowed(text) == ["% in a year."]
+    assert rules.swallowed(text) == ["% in a year."]
 
 
-def test_no_sentence_is_swallowed_as_a_comment():
-    texts = {page.name: page.read_text(encoding="utf-8") for page in pages.markdown()}
-    lost = [f"{name}: {line}" for name, text in texts.items() for line in swallowed(text)]
-    assert not lost, "break these lines elsewhere:\n" + "\n".join(lost)
+def test_pictures_need_words_of_their_own():
+    long = "A falling curve that begins at one and ends at zero."
+    assert not rules.words_for_picture(long, "What is left.")
+    assert "only repeats the caption" in rules.words_for_picture(long, long)
+    assert "shorter than 40" in rules.words_for_picture("A curve.", "What is left.")
+
+
+@pytest.mark.parametrize("page", pages.markdown(), ids=lambda page: page.stem)
+def test_page_keeps_the_rules(page):
+    text, name = page.read_text(encoding="utf-8"), page.relative_to(pages.BOOK).with_suffix("").as_posix()
+    typed = rules.decimals(text, rules.allowed_decimals(TESTS, name))
+    wrong = [f"line {at}: the decimal {found} is typed" for at, found in typed]
+    wrong += rules.untested(text, TESTS) + [f"swallowed: {line}" for line in rules.swallowed(text)]
+    assert not wrong, "\n".join([f"{page.name}:", *wrong])
+
+
+FAULTS = {
+    "an equation without a test": (
+        "$$ x $$ (eq-nobody-tests-this)",
+        "needs a test test_eq_nobody_tests_this",
+    ),
+    "an equation without a name": ("$$ x $$ (nameless)", "call the equation nameless eq-nameless"),
+    "a typed decimal": ("It is 7.25 m long.", "the decimal 7.25 is typed"),
+    "a swallowed line": ("It grew by 3\n% in a year.", "taken for a comment"),
+    "a picture with few words": ("![A dot](dot.png)", "shorter than 40 characters: 'A dot'"),
+    "a figure that repeats its caption": (
+        "```{figure} dot.png\n:alt: The first forty characters are the longest of all.\n\n"
+        "The first forty characters are the longest of all.\n```",
+        "only repeats the caption",
+    ),
+}
+PNG = (
+    "89504e470d0a1a0a0000000d49484452000000010000000108000000003a7e9b550000000a49444154789c6360000000020001"
+    "48afa4710000000049454e44ae426082"
+)
+
+
+@pytest.fixture(scope="module")
+def faulty_build(tmp_path_factory):
+    """What Sphinx says of a small book with one fault a page, and one page without."""
+    root = tmp_path_factory.mktemp("faulty")
+    book = root / "book"
+    (root / "tests" / "book").mkdir(parents=True)
+    book.mkdir()
+    (root / "tests" / "book" / "decimals.toml").write_text('[everywhere]\n"3.11" = "a version"\n')
+    extensions = ["myst_parser", "pendulab_rules"]
+    (book / "conf.py").write_text(
+        f"import sys\nsys.path.insert(0, {str(pages.BOOK / '_ext')!r})\nextensions = {extensions}\n"
+        "myst_enable_extensions = ['dollarmath', 'amsmath']\n"
+    )
+    (book / "dot.png").write_bytes(bytes.fromhex(PNG))
+    names = [f"fault{i}" for i in range(len(FAULTS))]
+    for name, (text, _) in zip(names, FAULTS.values(), strict=True):
+        (book / f"{name}.md").write_text(f"# Page\n\n{text}\n")
+    toc = "```{toctree}\n" + "\n".join(names) + "\n```\n"
+    (book / "index.md").write_text(f"# Fine\n\nPython 3.11 and $x = 7.25$.\n\n{toc}")
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-b",
+        "html",
+        "-W",
+        "--keep-going",
+        "-q",
+        str(book),
+        str(root / "out"),
+    ]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+def test_a_fault_fails_the_build(faulty_build):
+    assert faulty_build.returncode != 0
+    assert "index.md" not in faulty_build.stderr
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named(faulty_build, fault):
+    page = f"fault{list(FAULTS).index(fault)}.md"
+    said = [line for line in faulty_build.stderr.splitlines() if page in line]
+    assert any(FAULTS[fault][1] in line for line in said), faulty_build.stderr
