@@ -1,5 +1,6 @@
 """What the source of a page may and may not say: book/_ext/pendulab_rules.py, and that its rules bite."""
 
+import re
 import subprocess
 import sys
 
@@ -47,6 +48,24 @@ def test_page_keeps_the_rules(page):
     wrong = [f"line {at}: the decimal {found} is typed" for at, found in typed]
     wrong += rules.untested(text, TESTS) + [f"swallowed: {line}" for line in rules.swallowed(text)]
     assert not wrong, "\n".join([f"{page.name}:", *wrong])
+
+
+def test_glossary_is_in_order():
+    text = (pages.BOOK / "glossary.md").read_text(encoding="utf-8")
+    terms = re.findall(r"^(\S[^\n]*)\n {4}\S", text, re.M)
+    assert len(terms) > 50
+    assert terms == sorted(set(terms), key=str.lower)
+
+
+def test_bibliography_holds_what_is_cited_and_nothing_between_its_entries():
+    text = (pages.BOOK / "references.bib").read_text(encoding="utf-8")
+    entries = dict(re.findall(r"^@\w+\{(\w+),(.*?)^\}$", text, re.M | re.S))
+    assert not re.sub(r"^@\w+\{\w+,.*?^\}$", "", text, flags=re.M | re.S).strip()
+    prose = " ".join(page.read_text(encoding="utf-8") for page in pages.markdown())
+    cited = {key.strip() for keys in re.findall(r"\{cite:\w+\}`([^`]*)`", prose) for key in keys.split(",")}
+    assert sorted(entries) == sorted(cited)
+    for key, entry in entries.items():
+        assert {"author", "title", "year"} <= set(re.findall(r"^  (\w+) *=", entry, re.M)), key
 
 
 FAULTS = {
