@@ -167,4 +167,7 @@ def _refuse_edge(p: Array, is_angle: Array, area: float, k: int) -> None:
     for axis in np.flatnonzero(~is_angle):
         edges = np.take(p, [0, 1, -2, -1], axis=axis).sum() * area
         if edges > 1e-6:
-            raise ValueError(f"limits: at step {k} the density reached the edge of state {axis}; widen them")
+            raise ValueError(
+                f"limits: at step {k} the density reached the edge of state {axis}; widen them, or take more "
+                "cells: a density narrower than a cell rings over the whole table"
+            )

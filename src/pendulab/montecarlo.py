@@ -48,7 +48,8 @@ class Interval:
 
     def __str__(self) -> str:
         return (
-            f"{self.mean:.4g} ({self.level:.0%} interval {self.low:.4g} to {self.high:.4g}, {self.runs} runs)"
+            f"{self.mean:.4g} ({100 * self.level:.4g}% interval {self.low:.4g} to {self.high:.4g}, "
+            f"{self.runs} runs)"
         )
 
 

@@ -20,8 +20,8 @@ class Track:
     innovation (..., steps, m), innovation_cov (..., steps, m, m)
     nis, log_likelihood : (..., steps)
     observed : (..., steps) number of measured components, the degrees of freedom of nis
-    Q (..., steps, n, n), R (..., steps, m, m) : the covariances that an adaptive scheme used; None
-    without one
+    Q (..., steps, n, n), R (..., steps, m, m) : the covariances that an adaptive scheme used for
+        measurement k, before it learned from it; None without a scheme
     """
 
     mean: Array

@@ -611,4 +611,33 @@ DEFECTS = [
         "",
         SLIDES + "test_points_of_the_slides_serve_the_right_filter_alone_and_among_many",
     ),
+    # ------------------------------------------------------------------------- costs, and answers of labs
+    Defect(
+        "a division is counted as a sum",
+        "cost.py",
+        "ast.Mult | ast.Div) else",
+        "ast.Mult) else",
+        "laws/test_cost.py::test_what_the_text_says_is_what_it_does",
+    ),
+    Defect(
+        "one call for a sine together with its cosine",
+        "cost.py",
+        '2 if called == "sincos" else 1',
+        "1",
+        "laws/test_cost.py::test_what_the_text_says_is_what_it_does",
+    ),
+    Defect(
+        "a symbol that nobody asked for is taken for a number",
+        "grading/evaluate.py",
+        "    if unknown:\n",
+        "    if False:\n",
+        "grading/test_evaluate.py::test_what_is_no_expression_is_named",
+    ),
+    Defect(
+        "a curve that was drawn backwards is read as it lies",
+        "grading/evaluate.py",
+        'np.argsort(places, kind="stable")',
+        "slice(None)",
+        "grading/test_evaluate.py::test_a_curve_is_found_wherever_it_was_drawn",
+    ),
 ]

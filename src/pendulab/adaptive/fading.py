@@ -61,7 +61,8 @@ class variational_R(Scheme):
 
     def begin(self, sensor, Q: Array) -> Memory:
         memory = super().begin(sensor, Q)
-        # ``degrees`` is ν − m − 1, so that the mean of R is spread/degrees for any m.
+        # ``degrees`` is ν if spread/degrees is read as (E R⁻¹)⁻¹, which mean field asks for, and ν − m − 1 if
+        # as the mean of R. The recursion is the same (book: ch-variational).
         return replace(memory, degrees=np.asarray(self.confidence), spread=self.confidence * memory.R)
 
     def update(

@@ -44,8 +44,7 @@ class residual_R(_Windowed):
     """R as a windowed mean of ε εᵀ + H P Hᵀ, with the residual ε = z − h(x) after the update.
 
     The residual's covariance is R − H P Hᵀ when filter and model are right, so the sum has mean R;
-    it is a sum of squares and therefore positive (Mohamed and Schwarz 1999; Wang, Xu and Zhang
-    2000).
+    it is a sum of squares and therefore positive (Mohamed and Schwarz 1999).
 
     Assumes that Q is right: too small a Q makes R too large. Starts with the sensor's R until the window
     is full. Parameters: filter, window (steps).
@@ -96,9 +95,10 @@ class innovation_Q(_Windowed):
     """Q as the windowed mean of K y yᵀ Kᵀ: what the corrections amounted to (Mohamed and Schwarz 1999).
 
     In the steady state of a right filter K S Kᵀ = Q + F P Fᵀ − P. The scheme drops the last two terms, whose
-    difference need not be positive, and is biased by them; they nearly cancel where a step changes
-    the state little. Its rank is at most that of the measurement. From a Q that is far too small it
-    recovers slowly, since the gain that it is made of is small too.
+    difference need not be positive, and is biased by them. Short steps do not help, since Q becomes small
+    as well: of the noise of a rate that no sensor sees it keeps a small share only (book: ch-adaptive). Its
+    rank is at most that of the measurement. From a Q that is far too small it recovers slowly, since the
+    gain that it is made of is small too.
 
     Assumes that R is right and that all steps have one length; starts with the caller's Q until the window is
     full.
