@@ -77,7 +77,7 @@ $(PEERS)/.made: requirements-peers.txt $(ENV)
 labs: $(ENV) ## open JupyterLab on the labs
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) labs
 
-grade: $(ENV) ## grade a folder of notebooks: make grade SUBMISSIONS=folder OUT=folder [ARGS=--seed=7]
+grade: $(ENV) ## grade a folder of notebooks: make grade SUBMISSIONS=folder OUT=folder ARGS=--lab=name
 	@[ -n "$(SUBMISSIONS)" ] && [ -n "$(OUT)" ] || { \
 	  echo "Say what to grade and where the results go: make grade SUBMISSIONS=folder OUT=folder" >&2; exit 2; }
 	$(BIN)/pendulab grade "$(SUBMISSIONS)" "$(OUT)" $(ARGS)

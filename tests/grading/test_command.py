@@ -29,7 +29,8 @@ def folder(tmp_path, student, answers):
 
 
 def grade(*arguments):
-    return cli.main(["grade", *map(str, arguments), "--solutions", SOLUTIONS])
+    lab = [] if "--lab" in arguments else ["--lab", NAME]
+    return cli.main(["grade", *map(str, arguments), *lab, "--solutions", SOLUTIONS])
 
 
 def rows(out):

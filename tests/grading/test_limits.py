@@ -70,7 +70,8 @@ def test_a_stopped_run_keeps_what_it_has_graded(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Grader, "grade_all", stops)
     monkeypatch.setattr(Grader, "check", lambda self: None)
-    command = ["grade", str(tmp_path / "in"), str(tmp_path / "out"), "--solutions", str(ROOT / "solutions")]
+    command = ["grade", str(tmp_path / "in"), str(tmp_path / "out"), "--lab", NAME]
+    command += ["--solutions", str(ROOT / "solutions")]
     with pytest.raises(KeyboardInterrupt):
         cli.main(command)
     assert "unreadable" in (tmp_path / "out" / "gradebook.csv").read_text()

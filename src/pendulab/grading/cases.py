@@ -50,8 +50,11 @@ class Part(NamedTuple):
 
 
 class Mistake(NamedTuple):
+    """A wrong answer that is known: its message, what numbers it gives, and how it was written down."""
+
     message: str
     variant: Callable
+    made: Callable
 
 
 class Law(NamedTuple):
@@ -94,7 +97,7 @@ class Question:
         """Decorate a wrong variant; an answer equal to it, where it is wrong, earns this message."""
 
         def decorate(variant):
-            self.mistakes.append(Mistake(message, self.evaluated(variant)))
+            self.mistakes.append(Mistake(message, self.evaluated(variant), variant))
             return variant
 
         return decorate

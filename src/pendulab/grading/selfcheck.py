@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pendulab.grading.evaluate import of_expression
+from pendulab.grading.evaluate import of_expression, of_figure
 
 NOT_YET = "not answered yet"
 SLOW, TOO_SLOW = 1.0, 5.0  # seconds of processor time for a call: to be told, to be stopped
@@ -130,7 +130,7 @@ class Checks:
         """A SymPy expression, or a matrix of them of this shape, in no symbols but these."""
         if self.missing:
             self.fail(NOT_YET)
-        self.shape(self._at(found, dict.fromkeys(symbols, 0.7310585786)), shape, self.name)
+        self.shape(self.at(found, dict.fromkeys(symbols, 0.7310585786)), shape, self.name)
 
     def identity(
         self, found, wanted, symbols: dict[str, tuple[float, float]], sentence: str, tol: float = 1e-8
@@ -139,14 +139,28 @@ class Checks:
         rng = np.random.default_rng(0)
         for _ in range(6):
             at = {name: float(rng.uniform(*ends)) for name, ends in symbols.items()}
-            self.near(self._at(found, at), self._at(wanted, at), sentence, tol)
+            self.near(self.at(found, at), self.at(wanted, at), sentence, tol)
         self.passed -= 5  # it is one check
 
-    def _at(self, expression, values):
+    def at(self, expression, values: dict[str, float]) -> np.ndarray:
+        """An expression's value where its symbols have these values; what is none ends the checks."""
         try:
-            return of_expression(expression, values)
+            return of_expression(expression, {name: float(value) for name, value in values.items()})
         except (TypeError, ValueError) as error:
             self.fail(f"it {error}.")
+
+    def curve(self, drawing, label: str, x) -> np.ndarray:
+        """The curve of that label in a figure, at the places x (n,); it must be drawn at all of them."""
+        if self.missing:
+            self.fail(NOT_YET)
+        try:
+            found = of_figure(drawing, label, np.asarray(x, float))
+        except (TypeError, ValueError) as error:
+            self.fail(f"it {error}.")
+        self.that(
+            np.isfinite(found).all(), f"the curve {label!r} must be drawn from {min(x):g} to {max(x):g}."
+        )
+        return found
 
     def entries(
         self,
@@ -218,6 +232,14 @@ def show(draw: Callable, needs: str) -> None:
         draw()
     except Exception as error:
         print(f"· figure: {NOT_YET}. It needs {needs} ({type(error).__name__}).")
+
+
+def compiled(expression, names: tuple[str, ...]) -> Callable:
+    """A SymPy expression, or a list of them, as a function of numbers, real or complex, in this order."""
+    import sympy as sp
+
+    letters = {s.name: s for s in sp.Matrix([expression]).free_symbols}
+    return sp.lambdify([letters.get(name, sp.Symbol(name)) for name in names], expression, "numpy")
 
 
 def central_jacobian(f: Callable, x, h: float = 1e-5) -> np.ndarray:
