@@ -295,7 +295,9 @@ def balance(lagrangian: Callable, x, acceleration) -> tuple[np.ndarray, np.ndarr
 def _same(before, after):
     if isinstance(before, dict):
         return before == after
-    return np.array_equal(before, after) if isinstance(before, np.ndarray) else True
+    if not isinstance(before, np.ndarray):
+        return True
+    return np.array_equal(before, after, equal_nan=before.dtype.kind in "fc")  # NaN: a missing measurement
 
 
 def _explain(found, wanted, label, limit, source, factors):
