@@ -4,6 +4,7 @@
 2. A decimal number in prose is glued, is mathematics, or stands in tests/book/decimals.toml with its reason.
 3. A figure has words for those who cannot see it, 40 characters at least, and not those of its caption.
 4. No line of prose begins with a percent sign, which would be a comment.
+5. No mathematics in the title of a page: it stands in the menu of every other page, where none is typeset.
 
 The functions are also what the tests of the book use.
 """
@@ -96,6 +97,13 @@ def swallowed(text: str) -> list[str]:
     return [line for line in outside_of_quotes(text.split("\n")) if re.match(r"%\s", line)]
 
 
+def title_in_mathematics(text: str) -> str:
+    """The title of a page if it holds mathematics, else ""."""
+    lines = outside_of_quotes(re.sub(r"\A---\n.*?^---\n", "", text, flags=re.M | re.S).split("\n"))
+    title = next((line for line in lines if line.startswith("# ")), "")
+    return title if "$" in title else ""
+
+
 @cache
 def tested(tests: Path) -> frozenset[str]:
     """Names of all functions in the files of tests below a folder."""
@@ -161,6 +169,8 @@ def read_text(app, docname, source):
         )
     for line in swallowed(text):
         _log.warning(f"this line is taken for a comment, break it elsewhere: {line}", location=docname)
+    if title := title_in_mathematics(text):
+        _log.warning(f"write the title without mathematics: {title}", location=docname)
 
 
 def look_at_figures(app, doctree, docname):
