@@ -99,17 +99,6 @@ def test_a_right_answer_earns_full_marks_however_it_is_written(written, student,
     assert not result.notes
 
 
-def test_the_solution_earns_full_marks(grade, solution, lab):
-    assert grade(solution)[0].points == lab.points
-
-
-def test_the_untouched_lab_earns_nothing_and_says_so(grade, student, lab):
-    result, points = grade(student())
-    assert result.status == "graded" and set(points.values()) == {0.0}
-    assert all(m.messages == ["Not answered yet."] for m in result.marks)
-    assert not result.texts and not result.notes
-
-
 HALF = {
     "acceleration": "acceleration",  # the solution's
     "flow_jacobian": """

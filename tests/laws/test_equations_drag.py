@@ -18,15 +18,6 @@ def flight(count):
     return np.array(path)
 
 
-def test_eq_drag_conventions():
-    x = LAUNCH[:4]
-    per_mass, per_weight = systems.projectile(K), systems.projectile(0.0, K / G)
-    np.testing.assert_allclose(per_mass.f(x), per_weight.f(x), rtol=1e-13)
-    terminal = np.sqrt(G / K)
-    assert np.isclose(terminal, 1 / np.sqrt(K / G))
-    np.testing.assert_allclose(per_mass.f([0, 0, 0, -terminal]), [0, -terminal, 0, 0], atol=1e-12)
-
-
 def test_eq_drag_sensitivity():
     """The derivative of the place by k after a short time t is −v·(vx, vz)·t²/2, to first order in t."""
     left = []
