@@ -2,13 +2,14 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env book test labs grade release mutations bench peers lint lock clean
+.PHONY: help env book instructor-book test labs grade release mutations bench peers lint lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
 ENV := .venv/.made
 PEERS := .venv-peers
 SITE := book/_build/html
+EDITION := build/instructors
 # What the tests look at: their own folder, every solution and every lab, each notebook in one worker.
 CHECKS := tests $(wildcard solutions) $(wildcard labs)
 WORKERS ?= 2
@@ -22,7 +23,7 @@ export JUPYTER_PLATFORM_DIRS := 1
 unexport MPLBACKEND PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 help: ## list the commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 # Compiled at once, as pip does it: the grader's sandbox may not write, and would compile at every start.
 $(ENV): requirements.txt pyproject.toml
@@ -41,12 +42,21 @@ $(ENV): requirements.txt pyproject.toml
 env: $(ENV) ## make or renew the environment in .venv
 
 # --all reads every page again, because a second -W build would hide the warnings of the first.
-# Chapters run only when they or the package changed, so a second build is quick.
+# Chapters run only when they or the package changed, as many at a time as there are cores.
 book: $(ENV) ## build the book and say where it lies
 	@rm -f book/_build/finished && mkdir -p book/_build && touch book/_build/started
+	@$(BIN)/python book/_ext/run_pages.py
 	$(BIN)/jupyter-book build --all -W -n --keep-going book/
 	@mv book/_build/started book/_build/finished
 	@printf '\nThe book is built. Open it in a browser:\n  file://%s/$(SITE)/index.html\n\n' "$$PWD"
+
+# The same sources and runs, and one part more: rubrics, known mistakes, solutions. Not for students.
+instructor-book: $(ENV) ## build the instructors' edition, with rubrics and solutions
+	@$(BIN)/python book/_ext/run_pages.py
+	@$(BIN)/python book/_ext/pendulab_edition.py $(EDITION)
+	$(BIN)/jupyter-book build --all -W -n --keep-going --toc $(CURDIR)/$(EDITION)/_toc.yml --config $(EDITION)/_config.yml \
+	  --path-output $(EDITION) book/
+	@printf '\nThe instructors'\'' edition is built. Open it in a browser:\n  file://%s/$(EDITION)/_build/html/index.html\n\n' "$$PWD"
 
 lint: $(ENV) ## style of the code
 	$(BIN)/ruff check .

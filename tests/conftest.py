@@ -47,7 +47,7 @@ def site() -> Path:
 
 
 def _sources():
-    made = ("__pycache__", "_build")
+    made = ("__pycache__", "_build", "solutions")  # book/instructors/solutions is a copy
     for pattern in SOURCES:
         for path in ROOT.glob(pattern):
             inside = path.relative_to(ROOT)

@@ -46,11 +46,16 @@ def fingerprint(root):
 
 
 def drop_old_runs(app, config):
-    build = Path(app.outdir).parent
-    stamp, current = build / "runs_depend_on", fingerprint(Path(app.srcdir).parent)
+    runs = Path(config.nb_execution_cache_path or Path(app.outdir).parent / ".jupyter_cache")
+    forget_old_runs(runs, Path(app.srcdir).parent)
+
+
+def forget_old_runs(runs, root):
+    """Empty the execution cache `runs` if what its runs depend on has changed, and note what that is now."""
+    stamp, current = runs.with_name("runs_depend_on"), fingerprint(root)
     if not stamp.exists() or stamp.read_text() != current:
-        shutil.rmtree(build / ".jupyter_cache", ignore_errors=True)
-    build.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(runs, ignore_errors=True)
+    runs.parent.mkdir(parents=True, exist_ok=True)
     stamp.write_text(current)
 
 

@@ -20,8 +20,9 @@ def names() -> list[str]:
 
 
 def markdown() -> list[Path]:
-    """The text of every page that is written in MyST."""
-    return [path for name in names() if (path := BOOK / f"{name}.md").exists()]
+    """The text of every page that is written in MyST, those of the instructors' edition too."""
+    students = [path for name in names() if (path := BOOK / f"{name}.md").exists()]
+    return students + sorted((BOOK / "instructors").glob("*.md"))
 
 
 class Links(HTMLParser):

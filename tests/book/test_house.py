@@ -173,8 +173,8 @@ def test_commands_exist(name):
     text = (ROOT / name).read_text(encoding="utf-8")
     blocks = re.findall(r"^```(?:bash|text)\n(.*?)^```", text, re.M | re.S)
     code = "\n".join([*blocks, *re.findall(r"`([^`\n]+)`", text)])
-    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M))
-    told = set(re.findall(r"^make (?:[A-Z]+=\S+ )*([a-z]+)", code, re.M))
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M))
+    told = set(re.findall(r"^make (?:[A-Z]+=\S+ )*([a-z-]+)", code, re.M))
     assert told, f"{name} tells no command"
     assert told <= targets, f"{name} tells of {told - targets}, which the Makefile does not have"
     links = [link for link in re.findall(r"\]\(([^)#]+)\)|src=\"([^\"]+)\"", text)]
