@@ -261,6 +261,22 @@ def update(x, P, z, H, R):
         "steady_variance = sp.solve(sp.Symbol('p') - 1, sp.Symbol('p'))",
         "must be ()",
     ),
+    # lab 5
+    ("lab05_sigma_points", "sigma_points"): (
+        """
+def sigma_points(x, P, alpha, kappa):
+    root = np.linalg.cholesky(alpha**2 * (len(x) + kappa) * P)
+    return np.vstack([x, x + root, x - root])
+""",
+        "its columns are wanted",
+    ),
+    ("lab05_sigma_points", "slides"): (
+        """
+def slides(z, x0, P0, Q, R, p):
+    return ukf(z, x0, P0, Q, R, p)
+""",
+        "In step 11 put the deviations of step 4.",
+    ),
 }
 
 
