@@ -116,6 +116,7 @@ def test_an_untouched_lab_runs_to_its_end_and_says_not_answered_yet(path):
 
 # A check that knows no answers cannot tell these: they are close, or one measurement of spread is coarse.
 UNSEEN = {"99", "101", "I + dt*A, the Jacobian of an Euler step.", "Only Q / 10 was multiplied"}
+UNSEEN |= {"The truth is taken for the middle of the range"}  # lab 8
 
 
 def solved(path):
@@ -276,6 +277,22 @@ def slides(z, x0, P0, Q, R, p):
     return ukf(z, x0, P0, Q, R, p)
 """,
         "In step 11 put the deviations of step 4.",
+    ),
+    # lab 8
+    ("lab08_pendulum_and_damping", "input_jacobian"): (
+        """
+def input_jacobian(x, u, dt, a, c):
+    return np.array([[0.0], [dt], [0.0]])
+""",
+        "a factor c is missing",
+    ),
+    ("lab08_pendulum_and_damping", "noise_and_prior"): (
+        """
+def noise_and_prior(ticks, rate_std, b_low, b_high):
+    R = (2 * np.pi / ticks) ** 2
+    return np.array([[R]]), np.diag([R, rate_std**2, (b_high - b_low) ** 2 / 4])
+""",
+        "A width is not a standard deviation",
     ),
 }
 
