@@ -145,8 +145,9 @@ def mistaken(question, known):
     drawn = Figure()
     axes = drawn.subplots()
     axes.set(xlabel="time in s", ylabel="distance in degrees", yscale="log")
-    for case in question.draw(0).cases:
-        x = np.linspace(0.0, 8.0, 401)
+    cases = question.draw(0).cases
+    x = np.linspace(0.0, max(case.inputs["x"].max() for case in cases), 401)
+    for case in cases:
         axes.plot(x, known.made(case.inputs["curve"], x), label=case.inputs["curve"])
     return drawn
 
@@ -293,6 +294,25 @@ def noise_and_prior(ticks, rate_std, b_low, b_high):
     return np.array([[R]]), np.diag([R, rate_std**2, (b_high - b_low) ** 2 / 4])
 """,
         "A width is not a standard deviation",
+    ),
+    # lab 9
+    ("lab09_reaction_wheel", "discretised"): (
+        """
+def discretised(A, B, dt):
+    F = expm(A * dt)
+    return F, np.linalg.solve(A, (F - np.eye(len(B))) @ B)
+""",
+        "`discretised` raised LinAlgError",
+    ),
+    ("lab09_reaction_wheel", "unseen"): (
+        """
+def unseen(F, H):
+    rows = np.vstack([H @ np.linalg.matrix_power(F, k) for k in range(len(F))])
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    hidden = vectors[:, values < 1e-9 * values[-1]]
+    return hidden @ hidden.T
+""",
+        "and not on its square?",
     ),
 }
 
