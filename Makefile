@@ -87,10 +87,10 @@ $(PEERS)/.made: requirements-peers.txt $(ENV)
 labs: $(ENV) ## open JupyterLab on the labs
 	$(BIN)/jupyter lab $(if $(filter 0,$(shell id -u)),--allow-root) labs
 
-grade: $(ENV) ## grade a folder of notebooks: make grade SUBMISSIONS=folder OUT=folder ARGS=--lab=name
+grade: $(ENV) ## grade a folder of notebooks, or go on: make grade SUBMISSIONS=folder OUT=folder [ARGS=--lab=name]
 	@[ -n "$(SUBMISSIONS)" ] && [ -n "$(OUT)" ] || { \
 	  echo "Say what to grade and where the results go: make grade SUBMISSIONS=folder OUT=folder" >&2; exit 2; }
-	$(BIN)/pendulab grade "$(SUBMISSIONS)" "$(OUT)" $(ARGS)
+	$(BIN)/pendulab grade run "$(SUBMISSIONS)" "$(OUT)" $(ARGS)
 
 release: $(ENV) ## generate labs/ from solutions/
 	$(BIN)/pendulab release

@@ -131,11 +131,11 @@ def test_names_make_safe_and_different_files():
 @pytest.mark.parametrize("name", NAMES)
 def test_names_cannot_inject_into_the_table_or_the_page(name, lab, tmp_path):
     result = Result(name, "unreadable", '=HYPERLINK("x")\n<img src=x onerror=alert(1)>')
-    table = list(csv.reader(io.StringIO(report.gradebook(lab, [result]).decode())))
+    table = list(csv.reader(io.StringIO(report.table([lab], [(lab, result, {})]).decode())))
     assert len(table) == 2 and len(table[1]) == len(report.columns(lab))
     assert not any(cell.lstrip().startswith(("=", "@", "+", "-")) for cell in table[1])
     page = report.write_feedback(tmp_path, lab, result)
-    assert page.parent == tmp_path / "feedback"
+    assert page.parent == tmp_path / "feedback" / lab.name
     assert "<script" not in page.read_text() and "<img" not in page.read_text()
 
 
@@ -149,6 +149,6 @@ def test_no_sign_of_a_formula_comes_first(sign):
 
 
 def test_every_field_of_the_table_is_quoted(lab):
-    table = report.gradebook(lab, [Result("a;b", "unreadable", "x")]).decode()
+    table = report.table([lab], [(lab, Result("a;b", "unreadable", "x"), {})]).decode()
     assert all(line.startswith('"') and line.endswith('"') for line in table.splitlines())
     assert '"a;b"' in table

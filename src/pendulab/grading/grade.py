@@ -1,8 +1,9 @@
 """Grade a folder of submissions: read, run each in a sandbox of its own, judge, report."""
 
+import itertools
 import secrets
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ class Result:
     """All that is known about one submission once it is graded.
 
     `status` is graded, unreadable (the student's side), or failed (ours; `reason` says what to do).
-    `texts` holds the manual questions that were answered.
+    `texts` holds the manual questions that were answered, `code` the cells of answers by nbgrader's id.
     """
 
     student: str
@@ -28,7 +29,8 @@ class Result:
     texts: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     late: bool = False  # a limit of wall time fired: to be graded again, alone
-    line: str = field(default="", repr=False, compare=False)  # of the gradebook, once it is made
+    code: dict[str, str] = field(default_factory=dict, repr=False)
+    digest: str = field(default="", repr=False)  # of the submission as it was read
 
     @property
     def points(self) -> float:
@@ -59,15 +61,18 @@ class Grader:
 
     def grade(self, submission: Submission, patience: int = 1) -> Result:
         """Grade one submission with `patience` times the wall time. Whatever is in it, this returns."""
+        digest = ""
         try:
-            if submission.problem:
-                raise Unreadable(submission.problem)
+            data, digest = submissions.fetch(submission)
             limits = replace(self.limits, total_wall=patience * self.limits.total_wall)
-            return self._grade(submission.student, submissions.read(submission.path), limits)
+            result = self._grade(submission.student, submissions.parse(data), limits)
         except Unreadable as error:
-            return Result(submission.student, "unreadable", plain_text(str(error)))
+            result = unreadable(submission.student, error)
+            digest = digest or submissions.digest(submission)
         except Exception as error:  # ours, not the student's: say so, and go on with the class
-            return Result(submission.student, "failed", plain_text(f"{type(error).__name__}: {error}"))
+            result = Result(submission.student, "failed", plain_text(f"{type(error).__name__}: {error}"))
+        result.digest = digest
+        return result
 
     def _grade(self, student, notebook, limits):
         raw = sandbox.run(notebook.cells, self.questions, self.lab.packages, limits, self.sandboxed)
@@ -80,6 +85,7 @@ class Grader:
             texts=self._answered(notebook.texts),
             notes=_notes(notebook.cells, transcript),
             late=transcript.late,
+            code=notebook.code,
         )
 
     def grade_all(self, found: list[Submission], jobs: int = 1) -> Iterator[Result]:
@@ -88,20 +94,31 @@ class Grader:
         Where the wall time ran out, others may have taken the processor, so those are graded again at the
         end, one at a time and with more patience.
         """
-        again = []
+        again, waiting = [], iter(found)
         with ThreadPoolExecutor(jobs) as pool:
-            started = {pool.submit(self.grade, s): s for s in found}
-            for future in as_completed(started):
-                if (result := future.result()).late:
-                    again.append(started[future])
-                else:
-                    yield result
+            running = {}
+            while True:
+                for submission in itertools.islice(waiting, 2 * jobs - len(running)):
+                    running[pool.submit(self.grade, submission)] = submission
+                if not running:
+                    break
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    submission = running.pop(future)
+                    if (result := future.result()).late:
+                        again.append(submission)
+                    else:
+                        yield result
         for submission in again:
             yield self.grade(submission, patience=2)
 
     def _answered(self, texts):
         wanted = {m.name for m in self.lab.manual}
         return {n: t for n, t in texts.items() if n in wanted and t.strip() not in {"", TEXT_STUB}}
+
+
+def unreadable(student: str, why: Exception | str) -> Result:
+    """The result of a submission that nobody can read."""
+    return Result(student, "unreadable", plain_text(str(why)))
 
 
 def _notes(cells: list[str], transcript: Transcript) -> list[str]:

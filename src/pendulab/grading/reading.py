@@ -11,15 +11,15 @@ MAX_CELLS = 1_000
 MAX_CELL = 200_000  # characters
 SECONDS, BYTES = 20, 512 << 20  # of the program
 WANTED = {"nbformat", "worksheets", "cells", "cell_type", "source", "input"}
-WANTED |= {"metadata", "nbgrader", "grade_id"}
+WANTED |= {"metadata", "nbgrader", "grade_id", "pendulab", "lab"}
 
 
 class Unreadable(ValueError):
     """A submission that cannot be read; the message is the reason its author is told."""
 
 
-def cells(data: bytes) -> list[tuple[str, str, str]]:
-    """(kind, source, nbgrader's id or "") of every cell.
+def notebook(data: bytes) -> tuple[list[tuple[str, str, str]], str]:
+    """(kind, source, nbgrader's id or "") of every cell, and the lab that the notebook names, or "".
 
     Raises
     ------
@@ -30,18 +30,25 @@ def cells(data: bytes) -> list[tuple[str, str, str]]:
     except UnicodeDecodeError as error:
         raise Unreadable("not UTF-8 text") from error
     try:
-        notebook = json.loads(text, object_pairs_hook=_keep)
+        whole = json.loads(text, object_pairs_hook=_keep)
     except (ValueError, RecursionError) as error:
         raise Unreadable("not a notebook: the file is not JSON, or is cut off") from error
-    if not isinstance(notebook, dict) or type(notebook.get("nbformat", 4)) is not int:
+    if not isinstance(whole, dict) or type(whole.get("nbformat", 4)) is not int:
         raise Unreadable("not a notebook: it holds no cells")
-    sheets = notebook.get("worksheets") or [notebook]  # formats 2 and 3 have worksheets
+    sheets = whole.get("worksheets") or [whole]  # formats 2 and 3 have worksheets
     if not isinstance(sheets, list) or not all(isinstance(s, dict) for s in sheets):
         raise Unreadable("not a notebook: it holds no cells")
     found = [cell for sheet in sheets for cell in _list(sheet.get("cells"))]
     if len(found) > MAX_CELLS:
         raise Unreadable(f"more than {MAX_CELLS} cells")
-    return [_cell(cell) for cell in found]
+    return [_cell(cell) for cell in found], _text(whole, "metadata", "pendulab", "lab")
+
+
+def _text(item, *path):
+    """The text at the end of a path through dictionaries, or ""."""
+    for key in path:
+        item = item.get(key) if isinstance(item, dict) else None
+    return item if isinstance(item, str) else ""
 
 
 def _keep(pairs):
@@ -62,10 +69,7 @@ def _cell(cell):
         source = "".join(source)
     if not isinstance(source, str) or len(source) > MAX_CELL:
         raise Unreadable(f"a cell is not text, or longer than {MAX_CELL} characters")
-    about = cell.get("metadata")
-    mark = about.get("nbgrader") if isinstance(about, dict) else None
-    name = mark.get("grade_id") if isinstance(mark, dict) else None
-    return cell["cell_type"], source, name if isinstance(name, str) else ""
+    return cell["cell_type"], source, _text(cell, "metadata", "nbgrader", "grade_id")
 
 
 def main():
@@ -75,7 +79,8 @@ def main():
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
     try:
-        answer = {"cells": cells(sys.stdin.buffer.read())}
+        found, lab = notebook(sys.stdin.buffer.read())
+        answer = {"cells": found, "lab": lab}
     except Unreadable as error:
         answer = {"problem": str(error)}
     sys.stdout.write(json.dumps(answer))
