@@ -384,6 +384,8 @@ def test_nbgraders_own_interface_shows_what_waits_for_a_person(place, monkeypatc
     command(place, "run")
     config = Config(PyFileConfigLoader("nbgrader_config.py", str(place / "out")).load_config())
     api = NbGraderAPI(CourseDirectory(config=config), config=config)
+    listed = api.get_assignments()  # what the first page of "Manual Grading" shows
+    assert [(one["name"], one["max_score"]) for one in listed] == [("small", 10)]
     found = {one["student"]: one for one in api.get_notebook_submissions("small", "small")}
     assert {name: one["needs_manual_grade"] for name, one in found.items()} == {
         "ada": True,
@@ -479,3 +481,12 @@ def test_export_fills_a_copy_with_the_latest_marks(place, capsys):
     said = capsys.readouterr().out
     assert "ben: 6 points wait for a person" in said and "cleo" in said
     assert command(place, "export", "--canvas", file, "--to", file) == 2
+
+
+@pytest.mark.parametrize("text", ["word " * 200, "`" * 250 + "\n<script>", "a\n\n```\n# b\n```", ""])
+def test_a_persons_screen_shows_an_answer_as_text_in_short_lines(text):
+    first, *lines, last = formgrader.as_text(text).split("\n")
+    assert first == f"{last}text" and set(last) == {"`"}
+    assert not any(last in line for line in lines)  # so nothing in the text can close it
+    assert "".join("".join(lines).split()) == "".join(text.split())
+    assert max(map(len, lines)) <= formgrader.WIDE

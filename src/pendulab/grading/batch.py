@@ -249,6 +249,7 @@ def _update_gradebook(out, book):
         for name in sorted(book.labs):
             sheet = book.sheet(name)
             formgrader.add_lab(database, sheet)
+            formgrader.write_source(out, sheet)
             for result in book.of_lab(name):
                 _update_one(out, book, database, sheet, result)
 

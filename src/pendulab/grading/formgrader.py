@@ -1,6 +1,6 @@
 """nbgrader's gradebook and the notebooks in which a person marks, beside the results of the judge.
 
-The folder of results becomes a course folder of nbgrader: `gradebook.db`, `autograded/` and
+The folder of results becomes a course folder of nbgrader: `gradebook.db`, `source/`, `autograded/` and
 `nbgrader_config.py`. Scores and comments of the judge are written there each time anew, from the journal;
 what a person gave is only ever read. A person's mark that the gradebook lost comes back from the journal.
 
@@ -12,6 +12,7 @@ import copy
 import json
 import re
 import sqlite3
+import textwrap
 from collections.abc import Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -23,6 +24,7 @@ from pendulab.grading.journal import Given, Sheet
 
 DATABASE = "gradebook.db"
 CHECK = "-check"  # ends the name of the cell that carries a judged question's points
+WIDE = 100  # characters in a line of an answer
 CONFIG = b"""# A course folder of nbgrader: start Jupyter here to give marks in its formgrader.
 import os
 
@@ -180,10 +182,12 @@ def notebook(sheet: Sheet, result: Result) -> bytes:
 
 
 def as_text(text: str) -> str:
-    """Markdown that shows a text as it is, whatever is in it."""
+    """Markdown that shows a text as it is, whatever is in it, in lines that fit a screen."""
+    lines = _whole(text).split("\n")
+    text = "\n".join(textwrap.fill(line, WIDE, break_on_hyphens=False) for line in lines)
     longest = max((len(run) for run in re.findall("`+", text)), default=0)
     fence = "`" * max(3, longest + 1)
-    return f"{fence}text\n{_whole(text)}\n{fence}"
+    return f"{fence}text\n{text}\n{fence}"
 
 
 def _whole(text):
@@ -218,6 +222,12 @@ def _manual_texts(data, sheet):
     cells, wanted = json.loads(data)["cells"], {m.name for m in sheet.manual}
     named = [(c["metadata"].get("nbgrader", {}).get("grade_id"), c["source"]) for c in cells]
     return {name: source for name, source in named if name in wanted}
+
+
+def write_source(out: Path, sheet: Sheet) -> None:
+    """Write the lab as students got it to `source/`: the formgrader lists only labs that it finds there."""
+    data = json.dumps(sheet.notebook, indent=1, sort_keys=True).encode() + b"\n"
+    write_if_new(out / "source" / sheet.name / f"{sheet.name}.ipynb", data)
 
 
 def write_config(out: Path) -> None:
