@@ -124,6 +124,13 @@ def test_a_number_is_asked_by_its_name_and_tolerance():
     assert mark_answers(sheet, [Answer(as_outputs(2.03))]).points == 0
 
 
+def test_a_wrong_number_is_told_which_earlier_answer_to_look_at_first():
+    sheet = number("height", 2.0, points=5, units="m", own="`motion`").draw(0)
+    (message,) = mark_answers(sheet, [Answer(as_outputs(3.0))]).messages
+    assert "in 1 case. " in message
+    assert message.index("if `motion` lost points, look there first") < message.index("Units must be m")
+
+
 def test_cases_of_a_question_do_not_depend_on_other_questions(asked):
     first = asked.draw(3).cases[0].inputs["x"]
     number("before", 1.0, points=1).draw(3)

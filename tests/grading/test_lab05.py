@@ -190,7 +190,7 @@ def film_with(predict, correct):
     return ukf
 
 
-def slides_with(weights, points, moments):
+def slides_with(weights, points, moments, step_11=None):
     def slides(z, x0, P0, Q, R, p):
         a, b, k = p["alpha"], p["beta"], p["kappa"]
         wm, wc = map(np.array, weights(2, a, b, k))
@@ -201,7 +201,10 @@ def slides_with(weights, points, moments):
             P = P + Q
             new = np.asarray(points(x, P, a, k))
             z_hat, S, _ = moments(new, camera(new, p), wm, wc)
-            C = (old - x).T @ np.diag(wc) @ (camera(new, p) - z_hat)
+            if step_11:
+                C = step_11(old, x, camera(new, p), z_hat, wm, wc)
+            else:
+                C = (old - x).T @ np.diag(wc) @ (camera(new, p) - z_hat)
             S = S + R
             x, P = x + C @ np.linalg.solve(S, frame - z_hat), P - C @ np.linalg.inv(S) @ C.T
             rows.append((x, P))
@@ -297,6 +300,15 @@ def no_redraw(z, x0, P0, Q, R, p):
     return tuple(map(np.array, zip(*rows, strict=True)))
 
 
+def by_moments(old, x, Z, z_hat, wm, wc):
+    """`moments` takes the first row for the mean, and the old points have moved."""
+    return solved()["moments"](old, Z, wm, wc)[2]
+
+
+def with_wm(old, x, Z, z_hat, wm, wc):
+    return (old - x).T @ np.diag(wm) @ (Z - z_hat)
+
+
 def right_film(z, x0, P0, Q, R, p):
     return RIGHT["ukf"][0](z, x0, P0, Q, R, p)
 
@@ -354,9 +366,11 @@ WRONG = [
     ("ukf", lambda z, x0, P0, Q, R, p: right_film(z, x0, Q, P0, R, p), 0, "exchanged"),
     ("slides", right_film, 0, "still there"),
     ("slides", no_redraw, 0, "does not redraw"),
+    ("slides", slides_with(*WAYS[0], by_moments), 0, "not from the moved middle point"),
+    ("slides", slides_with(*WAYS[1], with_wm), 0, "step 11 has wc"),
     ("gained", [-0.0037], 0, "the shape must be"),
     ("gained", [0.0, 0.0], 0, "other numbers"),
-    ("harmed", [0.05, 1.0], 0, "other numbers"),
+    ("harmed", [0.05, 1.0], 0, "if `slides` lost points, look there first"),
 ]
 
 

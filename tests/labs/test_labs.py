@@ -223,7 +223,7 @@ def test_a_list_is_told_to_become_an_array_and_a_slow_call_to_be_derived_once(mo
     assert "✗ zeros: A call took 6.0 s" in run_checks(slow, lambda q: q.shape(q(2), (2,)))
 
 
-# (lab, answer) -> a slip that no declared mistake stands for, and words that its check must say.
+# (lab, answer and what sets the slip apart, if there are several) -> a slip that no declared mistake stands for, and words that its check must say.
 TYPICAL = {
     ("lab01_lagrangian_to_motion", "motion"): (
         """
@@ -279,6 +279,61 @@ def slides(z, x0, P0, Q, R, p):
 """,
         "In step 11 put the deviations of step 4.",
     ),
+    ("lab05_sigma_points", "slides about the moved middle"): (
+        """
+def slides(z, x0, P0, Q, R, p):
+    x, P, rows = x0, P0, []
+    for frame in z:
+        old = swing(sigma_points(x, P, p["alpha"], p["kappa"]), p)
+        x, P = predict(x, P, Q, p)
+        Z = camera(sigma_points(x, P, p["alpha"], p["kappa"]), p)
+        z_hat, P_z, C = moments(old, Z, *weights(2, p["alpha"], p["beta"], p["kappa"]))
+        K = C @ np.linalg.inv(P_z + R)
+        x, P = x + K @ (frame - z_hat), P - K @ (P_z + R) @ K.T
+        rows.append((x, P))
+    return tuple(map(np.array, zip(*rows)))
+""",
+        "not from the moved middle point",
+    ),
+    ("lab05_sigma_points", "slides that have not moved"): (
+        """
+def slides(z, x0, P0, Q, R, p):
+    wm, wc = weights(2, p["alpha"], p["beta"], p["kappa"])
+    x, P, rows = x0, P0, []
+    for frame in z:
+        old = sigma_points(x, P, p["alpha"], p["kappa"])
+        x, P = predict(x, P, Q, p)
+        Z = camera(sigma_points(x, P, p["alpha"], p["kappa"]), p)
+        z_hat, P_z, _ = moments(old, Z, wm, wc)
+        C = (old - x).T @ (wc[:, None] * (Z - z_hat))
+        K = C @ np.linalg.inv(P_z + R)
+        x, P = x + K @ (frame - z_hat), P - K @ (P_z + R) @ K.T
+        rows.append((x, P))
+    return tuple(map(np.array, zip(*rows)))
+""",
+        "Have the old points moved",
+    ),
+    ("lab05_sigma_points", "weights without a copy"): (
+        """
+def weights(n, alpha, beta, kappa):
+    s2 = alpha**2 * (n + kappa)
+    wm = np.full(2 * n + 1, 0.5 / s2)
+    wm[0] = 1 - n / s2
+    wc = wm
+    wc[0] += 1 - alpha**2 + beta
+    return wm, wc
+""",
+        "Did you change wm when you made wc (copy!)",
+    ),
+    ("lab05_sigma_points", "predict"): (
+        """
+def predict(x, P, Q, p):
+    X = sigma_points(x, P, 1.0, 0.0)
+    mean, cov, _ = moments(X, swing(X, p), *weights(2, p["alpha"], p["beta"], p["kappa"]))
+    return mean, cov + Q
+""",
+        "the same in points and weights",
+    ),
     # lab 8
     ("lab08_pendulum_and_damping", "input_jacobian"): (
         """
@@ -321,7 +376,7 @@ def unseen(F, H):
 def test_a_typical_slip_is_named(lab, name):
     path = ROOT / "solutions" / f"{lab}.ipynb"
     slip, told = TYPICAL[lab, name]
-    assert told in run([slip, check_of(name, path)], solved(path))
+    assert told in run([slip, check_of(name.split()[0], path)], solved(path))
 
 
 @by_solution

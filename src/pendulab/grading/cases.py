@@ -67,7 +67,8 @@ class Question:
     """What a question asks and how its answer is judged. Made by `question`, `number` and the others.
 
     `reference` is a function of the inputs (a constant one for a number). An answer is right where it is
-    within `atol + rtol * max|expected|` of the reference, part by part and case by case.
+    within `atol + rtol * max|expected|` of the reference, part by part and case by case. `own` names the
+    earlier answers that this one is made with, as the feedback shall say it.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Question:
     count: int = 1
     make: Callable = lambda rng, k: ("", {})
     evaluated: Callable = lambda variant: variant  # what makes numbers of a mistake's value
+    own: str = ""
 
     def cases(self, count: int):
         """Decorate `make(rng, k)`, which gives (label, inputs) of the k-th of `count` cases."""
@@ -191,10 +193,20 @@ def question(
 
 
 def number(
-    name: str, value: float, *, points: float, rtol: float = 1e-3, atol: float = 0.0, units: str = ""
+    name: str,
+    value: float,
+    *,
+    points: float,
+    rtol: float = 1e-3,
+    atol: float = 0.0,
+    units: str = "",
+    own: str = "",
 ) -> Question:
-    """Declare a question whose answer is a variable called `name`, a number of these units."""
-    return _declare(name, "variable", lambda: value, points, rtol, atol, units, None)
+    """Declare a question whose answer is a variable called `name`, a number of these units.
+
+    `own` names the earlier answers that it is made with.
+    """
+    return _declare(name, "variable", lambda: value, points, rtol, atol, units, None, own)
 
 
 def expression(
@@ -241,6 +253,7 @@ def figure(
     curves: dict[str, np.ndarray],
     rtol: float = 1e-2,
     units: str = "",
+    own: str = "",
 ) -> Question:
     """Declare a question whose answer is a variable called `name`, a Matplotlib figure or its axes.
 
@@ -252,9 +265,10 @@ def figure(
     drawing : the solution's
     curves  : label of a line -> places x (n,) at which it is compared; a share of the points for each
     rtol    : relative to the largest value of the curve
+    own     : names of the earlier answers that it is made with
     """
     asked = _declare(
-        name, "figure", lambda curve, x: of_figure(drawing, curve, x), points, rtol, 1e-12, units, None
+        name, "figure", lambda curve, x: of_figure(drawing, curve, x), points, rtol, 1e-12, units, None, own
     )
     places = [(label, np.asarray(x, dtype=float)) for label, x in curves.items()]
 
@@ -266,13 +280,13 @@ def figure(
     return asked
 
 
-def _declare(name, kind, reference, points, rtol, atol, units, parts):
+def _declare(name, kind, reference, points, rtol, atol, units, parts, own=""):
     if points <= 0 or rtol < 0 or atol < 0:
         raise ValueError(f"{name}: points must be positive, tolerances must not be negative")
     parts = parts or {"": (1.0, lambda *outputs: np.concatenate([o.ravel() for o in outputs]))}
     total = sum(share for share, _ in parts.values())
     pieces = [Part(label, share / total, pick) for label, (share, pick) in parts.items()]
-    made = Question(name, kind, reference, float(points), rtol, atol, units, pieces)
+    made = Question(name, kind, reference, float(points), rtol, atol, units, pieces, own=own)
     if _collected is not None:
         _collected.append(made)
     return made

@@ -180,8 +180,11 @@ def _broken(law, sheet, answers, wrong):
 def _generic(question, right, wrong):
     names = [p.name for j, p in enumerate(question.parts) if p.name and not right[wrong, j].all()]
     where = f" The part that differs: {', '.join(names)}." if names and len(question.parts) > 1 else ""
+    own = question.own
+    rests = f" It was compared with the reference's; if {own} lost points, look there first." if own else ""
     units = f" Units must be {question.units}." if question.units else ""
-    return f"`{question.name}` gives other numbers than expected in {len(wrong)} cases.{where}{units}"
+    cases = "1 case" if len(wrong) == 1 else f"{len(wrong)} cases"
+    return f"`{question.name}` gives other numbers than expected in {cases}.{where}{rests}{units}"
 
 
 def rehearse(question: Question, seed: int = 0) -> str:
