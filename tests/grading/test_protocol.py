@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pendulab.grading.protocol import MAX_LINES, decode_array, encode_input, read_transcript
+from pendulab.grading.runner import revive
 
 GOOD = {"shape": [2], "dtype": "float64", "data": [1.0, 2.0]}
 
@@ -76,3 +77,10 @@ def test_inputs_are_arrays_numbers_text_and_dicts_and_nothing_else():
     }
     with pytest.raises(TypeError, match="a case can hold"):
         encode_input(lambda: 0)
+
+
+@pytest.mark.parametrize("array", [np.array([0, 2]), np.array([True]), np.array([1.0, 2.0]), np.eye(2)])
+def test_an_array_arrives_with_the_kind_of_numbers_that_it_was_drawn_with(array):
+    told = json.loads(json.dumps(encode_input({"rows": array})))
+    arrived = revive(told)["rows"]
+    assert arrived.dtype == array.dtype and np.array_equal(arrived, array)

@@ -43,14 +43,15 @@ class Transcript:
 
 
 def encode_input(value):
-    """Arrays to {"__array__": nested lists}; dicts, numbers and text stay.
+    """Arrays to {"__array__": nested lists}, with the dtype of whole numbers; dicts, numbers, text stay.
 
     Raises
     ------
     TypeError : the value is none of these
     """
     if isinstance(value, np.ndarray):
-        return {"__array__": value.tolist()}
+        whole = {"dtype": value.dtype.name} if value.dtype.kind in "biu" else {}
+        return {"__array__": value.tolist()} | whole
     if isinstance(value, dict):
         return {str(k): encode_input(v) for k, v in value.items()}
     if isinstance(value, np.generic):

@@ -184,7 +184,7 @@ def revive(value):
 
     if isinstance(value, dict):
         if "__array__" in value:
-            return np.array(value["__array__"], dtype=float)
+            return np.array(value["__array__"], dtype=value.get("dtype", float))
         return {k: revive(v) for k, v in value.items()}
     return value
 
