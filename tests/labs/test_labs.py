@@ -406,6 +406,24 @@ def unseen(F, H):
     return hidden @ hidden.T
 """,
         "and not on its square?",
+    # lab 7
+    ("lab07_pose_and_wheelbase", "input_jacobian"): (
+        """
+def input_jacobian(x, u, dt):
+    v, beta = u
+    phi, c = x[2:]
+    turn = [c * np.tan(beta), c * v * np.tan(beta) ** 2]
+    return dt * np.array([[np.cos(phi), 0], [np.sin(phi), 0], turn, [0, 0]])
+""",
+        "the derivative of the tangent is another function",
+    ),
+    ("lab07_pose_and_wheelbase", "initial_belief"): (
+        """
+def initial_belief(pose, short, long):
+    L, var_L = (short + long) / 2, (long - short) ** 2 / 12
+    return np.append(pose, 1 / L), np.diag([0, 0, 0, var_L**2 / L**4])
+""",
+        "how often its variance is there",
     ),
 }
 
