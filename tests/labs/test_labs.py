@@ -424,6 +424,28 @@ def initial_belief(pose, short, long):
     return np.append(pose, 1 / L), np.diag([0, 0, 0, var_L**2 / L**4])
 """,
         "how often its variance is there",
+    # lab 10
+    ("lab10_projectile_drag", "flow"): (
+        """
+def flow(x, p):
+    w, v = x[2:4], np.hypot(x[2], x[3])
+    with np.errstate(invalid="ignore"):
+        drag = x[4] * v**2 * w / v
+    return np.array([*w, -drag[0], -p["gravity"] - drag[1], 0.0])
+""",
+        "Write drag without dividing by v.",
+    ),
+    ("lab10_projectile_drag", "landing"): (
+        """
+def landing(x, P, p):
+    F = np.eye(5)
+    while x[1] > 0:
+        before, h = x, p["dt"]
+        x, one = step(x, p)
+        F = one @ F
+    return x[0], np.sqrt(F[0] @ P @ F[0])
+""",
+        "this is the first step below the ground.",
     ),
 }
 
