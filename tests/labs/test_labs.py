@@ -371,6 +371,22 @@ def predict(x, P, Q, p):
     return mean, cov + Q
 """,
         "the same in points and weights",
+    # lab 6
+    ("lab06_adaptive_ukf", "terms"): (
+        """
+def terms(y, S, R):
+    residual = R / S * y
+    return y**2 - (S - R), residual**2 + (S - R)
+""",
+        "Is P the corrected covariance",
+    ),
+    ("lab06_adaptive_ukf", "negative"): (
+        """
+def negative(N, share):
+    from scipy.stats import chi2
+    return 1 - chi2.cdf(N * share, N)
+""",
+        "no estimate is negative",
     ),
     # lab 8
     ("lab08_pendulum_and_damping", "input_jacobian"): (
@@ -406,6 +422,7 @@ def unseen(F, H):
     return hidden @ hidden.T
 """,
         "and not on its square?",
+    ),
     # lab 7
     ("lab07_pose_and_wheelbase", "input_jacobian"): (
         """
@@ -424,6 +441,7 @@ def initial_belief(pose, short, long):
     return np.append(pose, 1 / L), np.diag([0, 0, 0, var_L**2 / L**4])
 """,
         "how often its variance is there",
+    ),
     # lab 10
     ("lab10_projectile_drag", "flow"): (
         """
