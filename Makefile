@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env book instructor-book test labs grade release mutations bench peers lint lock clean
+.PHONY: help env book instructor-book test labs grade release mutations bench bench-grading peers lint lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -74,6 +74,9 @@ mutations: $(ENV) ## apply every seeded defect to a copy of the package and see 
 bench: $(ENV) ## measure run times and memory on this machine: a table, and book/bench.json (some minutes)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NPROC=1 \
 	  $$([ -x $(PEERS)/bin/python ] && echo $(PEERS)/bin/python || echo $(BIN)/python) tests/bench/measure.py
+
+bench-grading: $(ENV) ## grade a class of 1,000, and some of it with nbgrader: notebooks a minute, memory (some minutes)
+	$(BIN)/python tests/bench/grading.py
 
 peers: $(PEERS)/.made ## make the environment .venv-peers, in which make bench also times dynamax
 

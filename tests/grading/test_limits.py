@@ -1,16 +1,19 @@
 """One submission takes neither the class's time, nor its memory, nor another student's marks."""
 
 import json
+import os
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from pendulab.grading import cli, sandbox
+from pendulab.grading import cli, sandbox, warden
 from pendulab.grading.grade import Grader
+from pendulab.grading.protocol import read_transcript
 from pendulab.grading.runner import plain_python
 from pendulab.grading.submissions import Submission, Unreadable, find, read
 
@@ -133,6 +136,84 @@ def test_a_submission_whose_wall_time_ran_out_is_graded_again_alone(
     assert first.late and first.points == 0
     (final,) = grader.grade_all(find(tmp_path, NAME), jobs=2)
     assert not final.late and final.points == 15
+
+
+def test_a_stall_costs_no_marks_before_it_is_graded_again_alone(lab, student, answers, tmp_path, bubblewrap):
+    """A disk that hangs looks like a notebook that waits."""
+    stalled = {"acceleration": "import time\ntime.sleep(2.5)\n" + answers["acceleration"]}
+    (tmp_path / "stalled.ipynb").write_text(json.dumps(student(stalled)))
+    grader = Grader(lab, 12, replace(SHORT, wall=2))
+    first = grader.grade(Submission("stalled", tmp_path / "stalled.ipynb"))
+    assert first.late and first.points == 0 and "waited 2 s" in first.notes[0]
+    (final,) = grader.grade_all(find(tmp_path, NAME), jobs=2)
+    assert not final.late and not final.notes and final.points == 15
+
+
+def test_a_sandbox_that_gets_no_turn_is_late_and_keeps_what_it_said(monkeypatch):
+    said = """echo '{"box": "open"}'; echo '{"cell": 0, "error": "told"}'; exec sleep 1000"""
+    monkeypatch.setattr(sandbox, "command", lambda *about: ["sh", "-c", said])
+    monkeypatch.setattr(sandbox.shutil, "which", lambda name: name)
+    transcript = read_transcript(sandbox.run([], [], limits=replace(SHORT, total_wall=-8)))
+    assert transcript.late and transcript.cell_notes == [(0, "error", "told")]
+
+
+def test_a_sandbox_that_never_opened_is_not_the_students_fault(monkeypatch):
+    monkeypatch.setattr(sandbox, "command", lambda *about: ["sleep", "1000"])
+    monkeypatch.setattr(sandbox.shutil, "which", lambda name: name)
+    with pytest.raises(sandbox.SandboxError, match="did not open"):
+        sandbox.run([], [], limits=replace(SHORT, total_wall=-8))
+
+
+def test_what_a_child_said_before_its_end_is_heard_by_a_warden_that_got_no_turn(monkeypatch):
+    """It looked for news, found none, and the next time that it ran the child had spoken and ended."""
+    look = warden.select.select
+
+    def before(read, write, error, wait):
+        monkeypatch.setattr(warden.select, "select", look)
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOWAIT)
+        return [], [], []
+
+    monkeypatch.setattr(warden.select, "select", before)
+    job = asdict(SHORT) | {"cells": ["import os\nos._exit(0)"]}
+    watch = warden.Watch(job, warden.Meter(), time.monotonic() + 60, None)
+    assert warden.attempt(job, set(), [], watch) == "ended the process" and watch.cell == 0
+
+
+def test_processor_time_of_a_cell_is_not_that_of_the_one_before(monkeypatch):
+    """The warden got no turn while the first cell used nearly all that it may, and hears of both at once."""
+    monkeypatch.setattr(warden.os, "getpid", lambda: 1)
+    for name in ("too_much_memory", "too_many_files"):
+        monkeypatch.setattr(warden, name, lambda most: False)
+    meter = SimpleNamespace(used=0.0, waited=0.0, look=lambda: True)
+    watch = warden.Watch(asdict(SHORT), meter, time.monotonic() + 60, None)
+    meter.used = 1.4 * SHORT.cell_cpu
+    watch.hear(b'{"begin": 0}\n{"begin": 1}\n', None)
+    assert watch.trouble() is None
+    meter.used = 2.8 * SHORT.cell_cpu
+    assert watch.trouble() is None
+    meter.used = 3 * SHORT.cell_cpu
+    assert "processor time" in watch.trouble()
+
+
+BUSY = "while True: pass"
+
+
+def test_marks_do_not_depend_on_how_busy_the_machine_is(lab, student, answers, tmp_path, bubblewrap):
+    """It needs three quarters of its processor time, and more than its wall times, beside busy processes."""
+    (tmp_path / "slow.ipynb").write_text(
+        json.dumps(student({"acceleration": SLOW + answers["acceleration"]}))
+    )
+    grader = Grader(lab, 12, replace(SHORT, wall=1))
+    busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(3 * (os.cpu_count() or 1))]
+    try:
+        began = time.monotonic()
+        result = grader.grade(Submission("slow", tmp_path / "slow.ipynb"))
+        assert time.monotonic() - began > 1.5
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert result.points == 15 and not result.notes and not result.late
 
 
 MEMORY = {

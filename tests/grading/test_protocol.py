@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pendulab.grading.protocol import MAX_LINES, decode_array, encode_input, read_transcript
-from pendulab.grading.runner import revive
+from pendulab.grading.runner import MOST, outputs_of, revive
 
 GOOD = {"shape": [2], "dtype": "float64", "data": [1.0, 2.0]}
 
@@ -68,6 +68,27 @@ def test_the_number_of_lines_and_the_length_of_texts_are_bounded():
     assert len(read_transcript(many).answers) <= MAX_LINES
     long = json.dumps({"question": "f", "case": 0, "error": "x" * 100_000}).encode()
     assert len(read_transcript(long).answers["f", 0].problem) < 400
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_the_largest_answer_crosses_the_wall_and_a_larger_one_is_told_why(kind):
+    """Every number as long as a float can be written."""
+    largest = np.full(MOST, -2.2250738585072014e-308).view(kind)
+    for answer, count in ((largest, 1), ((largest[1:], largest[:1]), 2)):
+        line = {"question": "f", "case": 0} | outputs_of(answer, count)
+        found = read_transcript(json.dumps(line).encode()).answers["f", 0]
+        assert not found.problem and np.array_equal(np.concatenate(found.outputs), largest)
+    line = {"question": "f", "case": 0} | outputs_of((largest, 1.0), 2)
+    (found,) = read_transcript(json.dumps(line).encode()).answers.values()
+    assert found.problem == f"gave more numbers than can be carried: {MOST + 1} of at most {MOST}"
+
+
+@pytest.mark.parametrize(
+    "forged", [{"numbers": "9" * 99, "most": 1}, {"numbers": 10**99, "most": 1}, {"numbers": True}]
+)
+def test_a_forged_count_of_numbers_is_nothing(forged):
+    (found,) = read_transcript(json.dumps({"question": "f", "case": 0} | forged).encode()).answers.values()
+    assert found.problem == "gave nothing that can be read"
 
 
 def test_inputs_are_arrays_numbers_text_and_dicts_and_nothing_else():

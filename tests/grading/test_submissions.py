@@ -4,6 +4,8 @@ import csv
 import io
 import json
 import os
+import tempfile
+from pathlib import Path
 
 import nbformat
 import pytest
@@ -12,7 +14,7 @@ from pendulab.grading import report
 from pendulab.grading.files import safe_name, spreadsheet_text
 from pendulab.grading.grade import Result
 from pendulab.grading.runner import plain_python
-from pendulab.grading.submissions import Unreadable, find, read
+from pendulab.grading.submissions import Unreadable, find, find_all, read
 
 NOTEBOOK = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("x = 1")])
 
@@ -65,6 +67,30 @@ def test_a_link_inside_a_students_folder_is_not_followed(tmp_path):
     (tmp_path / "in" / "mal" / "lab.ipynb").symlink_to(secret)
     with pytest.raises(Unreadable, match="symbolic link"):
         read(find(tmp_path / "in", "lab")[0].path)
+
+
+@pytest.mark.parametrize("labs", [["lab"], ["lab", "other"]], ids=["one lab", "several"])
+def test_a_folder_that_may_not_be_read_stops_nobody(labs):
+    """Archives bring folders without rights. Root may read all, so a process that gives root up looks."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, (read_end, write_end) = Path(name), os.pipe()
+        folder.chmod(0o755)
+        (folder / "shut").mkdir(mode=0)
+        nbformat.write(NOTEBOOK, folder / "ada.ipynb")
+        if (pid := os.fork()) == 0:
+            try:
+                if os.getuid() == 0:
+                    os.setuid(64_000)
+                found = [[s.student, s.problem] for of in find_all(folder, labs).values() for s in of]
+                os.write(write_end, json.dumps(found).encode())
+            finally:
+                os._exit(0)
+        os.close(write_end)
+        os.waitpid(pid, 0)
+        (folder / "shut").chmod(0o700)
+    with os.fdopen(read_end) as pipe:
+        told = dict(json.loads(pipe.read() or "[]"))
+    assert told.keys() == {"ada", "shut"} and "in the folder" in told["shut"]
 
 
 def test_notebooks_of_format_3_are_read(tmp_path):

@@ -371,6 +371,7 @@ def predict(x, P, Q, p):
     return mean, cov + Q
 """,
         "the same in points and weights",
+    ),
     # lab 6
     ("lab06_adaptive_ukf", "terms"): (
         """

@@ -60,11 +60,12 @@ class Grader:
         sandbox.run([], [], self.lab.packages, self.limits, self.sandboxed)
 
     def grade(self, submission: Submission, patience: int = 1) -> Result:
-        """Grade one submission with `patience` times the wall time. Whatever is in it, this returns."""
+        """Grade one submission with `patience` times the wall times. Whatever is in it, this returns."""
         digest = ""
         try:
             data, digest = submissions.fetch(submission)
-            limits = replace(self.limits, total_wall=patience * self.limits.total_wall)
+            wall, total_wall = patience * self.limits.wall, patience * self.limits.total_wall
+            limits = replace(self.limits, wall=wall, total_wall=total_wall)
             result = self._grade(submission.student, submissions.parse(data), limits)
         except Unreadable as error:
             result = unreadable(submission.student, error)
@@ -80,7 +81,6 @@ class Grader:
         return Result(
             student,
             "graded",
-            "" if transcript.opened else "the sandbox ended before any answer came out",
             marks=judge.mark_all(self.sheets, transcript),
             texts=self._answered(notebook.texts),
             notes=_notes(notebook.cells, transcript),

@@ -45,7 +45,8 @@ def mark(sheet: Sheet, transcript: Transcript) -> Mark:
     question = sheet.question
     if question.name in transcript.missing:
         return Mark(question, answered=False, messages=[f"There is no {question.kind} `{question.name}`."])
-    nothing = Answer(problem=transcript.killed.get(question.name, "was not reached"))
+    unasked = "was not reached" + f": the notebook {transcript.ended}" * bool(transcript.ended)
+    nothing = Answer(problem=transcript.killed.get(question.name, unasked))
     answers = [transcript.answers.get((question.name, k), nothing) for k in range(len(sheet.cases))]
     if all(a.missing for a in answers):
         return Mark(question, answered=False, empty=True, messages=["Not answered yet."])

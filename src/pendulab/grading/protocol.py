@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-MAX_LINE = 200_000
+MAX_LINE = 300_000  # characters; the largest answer that `runner` lets out is shorter
 MAX_LINES = 5_000
 MAX_TEXT = 300
 MAX_DIMENSIONS = 4
@@ -34,8 +34,8 @@ class Answer:
 class Transcript:
     """All that a box said: answers by (question, case), and notes for the student."""
 
-    opened: bool = False
     late: bool = False
+    ended: str = ""  # why the box ended before all was asked, where no cell or question is to blame
     answers: dict = field(default_factory=dict)
     missing: set = field(default_factory=set)
     killed: dict = field(default_factory=dict)
@@ -103,10 +103,10 @@ def read_transcript(raw: bytes) -> Transcript:
 
 
 def _take(line, transcript):
-    if line.get("box") == "open":
-        transcript.opened = True
-    elif line.get("box") == "late":
+    if line.get("box") == "late":
         transcript.late = True
+    elif line.get("box") == "ended" and isinstance(line.get("why"), str):
+        transcript.ended = line["why"][:MAX_TEXT]
     elif type(line.get("cell")) is int:
         for kind in ("dropped", "error"):
             if isinstance(line.get(kind), str) and len(transcript.cell_notes) < 100:
@@ -132,6 +132,9 @@ def _answer(line):
         missing = line["error"].startswith("NotImplementedError")
         told = DECIMALS.sub("…", line["error"][:MAX_TEXT])
         return Answer(problem="raised " + told, missing=missing)
+    numbers, most = line.get("numbers"), line.get("most")
+    if type(numbers) is int and type(most) is int and 0 <= most < numbers < 10**15:
+        return Answer(problem=f"gave more numbers than can be carried: {numbers} of at most {most}")
     if isinstance(line.get("outputs"), list):
         return Answer(outputs=tuple(decode_array(o) for o in line["outputs"][:10]))
     return Answer(problem="gave nothing that can be read")

@@ -145,12 +145,14 @@ def run_cells(job, dropped, say, clear):
     return namespace
 
 
+MOST = 10_000  # numbers of one answer, which the reader takes in one line
+
+
 def number_lists(array):
     """JSON for one array: shape, dtype and its numbers in C order; a number that is not finite is null."""
     import numpy as np
 
-    array = np.asarray(array)
-    if array.dtype.kind not in "biufc" or array.size > 10_000:
+    if array.dtype.kind not in "biufc":
         return {"shape": list(array.shape)[:8], "dtype": str(array.dtype)[:20], "data": None}
     flat = array.ravel()
     if array.dtype.kind == "c":
@@ -173,10 +175,13 @@ def begun(function):
 def outputs_of(answer, count, function=None):
     if answer is None:
         return {"none": True, "begun": begun(function)}
-    if count == 1:
-        return {"outputs": [number_lists(answer)]}
-    answer = list(answer)[: count + 1]
-    return {"outputs": [number_lists(a) for a in answer]}
+    import numpy as np
+
+    arrays = [np.asarray(a) for a in ([answer] if count == 1 else list(answer)[: count + 1])]
+    numbers = sum(a.size * (1 + (a.dtype.kind == "c")) for a in arrays)
+    if numbers > MOST:
+        return {"numbers": numbers, "most": MOST}
+    return {"outputs": [number_lists(a) for a in arrays]}
 
 
 def revive(value):

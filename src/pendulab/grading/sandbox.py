@@ -30,6 +30,7 @@ from packaging.requirements import Requirement
 HERE = Path(__file__).parent
 INSTALL = "apt-get install bubblewrap"
 NOBODY = 64_000  # a user and group id that owns nothing on the machine
+OPEN, LATE = b'{"box": "open"}\n', b'\n{"box": "late"}\n'  # what the warden says first, or had no turn to say
 NEVER = re.compile(r"pendulab", re.I)  # the package that would answer the questions
 
 
@@ -50,7 +51,7 @@ class Limits:
     total_cpu: int = 60
     box_cpu: int = 300  # of all processes, and of every attempt
     wall: int = 60  # in which nothing is ready to run, because something waits
-    total_wall: int = 300  # when it is over, the submission is graded again, alone
+    total_wall: int = 300  # when one of the two is over, the submission is graded again, alone
     memory: int = 2 << 30  # bytes of address space for one process
     total_memory: int = 2 << 30  # bytes resident in all of the box
     file_size: int = 8 << 20  # times open_files bounds what hidden files in memory can hold
@@ -210,7 +211,7 @@ def _talk(command_line, job, limits, **options):
         with process:
             said = _read(process, limits)
             process.kill()
-        if b'{"box": "open"}' not in said and process.returncode not in (0, -9):
+        if not said.startswith(OPEN):  # nothing of a student has run yet
             trouble.seek(0)
             reason = trouble.read(500).decode(errors="replace").strip().splitlines()
             raise SandboxError("the sandbox did not open: " + (reason[-1] if reason else "no reason given"))
@@ -218,9 +219,12 @@ def _talk(command_line, job, limits, **options):
 
 
 def _read(process, limits):
-    end = time.monotonic() + limits.total_wall + 10  # the warden ends before
+    end = time.monotonic() + limits.total_wall + 10  # the warden ends before, unless it gets no turn
     chunks, size, pipe = [], 0, process.stdout.fileno()
-    while size <= 2 * limits.max_bytes and time.monotonic() < end:
+    while size <= 2 * limits.max_bytes:
+        if time.monotonic() > end:
+            chunks.append(LATE)
+            break
         if select.select([pipe], [], [], 1.0)[0]:
             data = os.read(pipe, 1 << 16)
             if not data:

@@ -81,7 +81,10 @@ def find_all(folder: Path, labs: list[str]) -> dict[str, list[Submission]]:
 def _in_folder(entry, labs):
     """(lab, submission) for every lab in a student's folder, also for notebooks that are not called so."""
     folder = entry.path.parent
-    inside = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    try:
+        inside = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    except OSError:
+        return [("", Submission(entry.student, folder, "what is in the folder cannot be read"))]
     found = [(lab, _entry(folder, entry.student, 1, lab)) for lab in labs if _holds(folder, lab)]
     if entry.problem and entry.student != folder.name:  # the name is there twice
         found = [(lab, Submission(entry.student, s.path, entry.problem)) for lab, s in found]
@@ -139,7 +142,7 @@ def _entry(entry, name, times, lab):
 def _within(folder, lab):
     """Where in a student's folder the notebook of a lab is, and what is wrong with that."""
     flat, deep = folder / f"{lab}.ipynb", folder / lab / f"{lab}.ipynb"
-    if (folder / lab).is_symlink():
+    if os.path.islink(folder / lab):  # False also where the folder may not be read
         return deep, "a symbolic link is not accepted"
     there = [path for path in (flat, deep) if os.path.lexists(path)]
     if len(there) == 2:
@@ -192,8 +195,8 @@ def parse(data: bytes) -> Notebook:
 
 def _cells_apart(text):
     command = [sys.executable, "-I", "-S", "-B", reading.__file__]
-    try:
-        done = subprocess.run(command, input=text, capture_output=True, timeout=60, check=True)
+    try:  # its limits are of processor time and memory, and it waits for nobody but us
+        done = subprocess.run(command, input=text, capture_output=True, check=True)
         answer = json.loads(done.stdout)
     except (subprocess.SubprocessError, ValueError) as error:
         raise Unreadable("reading this file needs too much time or memory") from error
@@ -207,10 +210,15 @@ def _bytes(path):
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError as error:
         raise Unreadable("a symbolic link is not accepted, nor a file that cannot be opened") from error
-    with os.fdopen(handle, "rb") as file:
+    try:
         about = os.fstat(handle)
-        if not stat.S_ISREG(about.st_mode):
+        if not stat.S_ISREG(about.st_mode):  # a folder too can be opened
             raise Unreadable("not a regular file")
         if about.st_size > MAX_FILE:
             raise Unreadable(f"larger than {MAX_FILE >> 20} MB: clear the outputs, and hand in again")
-        return file.read(MAX_FILE)
+        with os.fdopen(handle, "rb", closefd=False) as file:
+            return file.read(MAX_FILE)
+    except OSError as error:
+        raise Unreadable("the file cannot be read") from error
+    finally:
+        os.close(handle)

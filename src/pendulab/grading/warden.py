@@ -1,8 +1,9 @@
 """The first process of a sandbox. It never runs student code; it decides what must end.
 
 It reads one JSON job from standard input, forks a child that runs the cells in order and then answers
-the questions, and writes what the child said to standard output. A cell that kills the child, or
-outlives its limits, is dropped, and a new child runs the rest; so too with a question.
+the questions, and writes what the child says to standard output, line by line: whoever ends this process
+(by lowering its limits) takes back nothing. A cell that kills the child, or outlives its limits, is
+dropped, and a new child runs the rest; so too with a question.
 
 In the box this is process 1, which nothing inside can kill, and whose end ends everything there.
 """
@@ -139,13 +140,14 @@ def kill_all(pid, job, question):
 class Watch:
     """What the warden knows of one attempt: where it is, what it said, how long it has been waiting."""
 
-    def __init__(self, job, meter, end):
-        self.job, self.lines, self.buffer, self.said = job, [], b"", 0
+    def __init__(self, job, meter, end, tell):
+        self.job, self.tell, self.buffer, self.said = job, tell, b"", 0
         self.cell = self.question = None
-        self.over = self.late = False
+        self.over = self.late = self.hung = False
         self.meter, self.end = meter, end
         self.heard = time.monotonic()
-        self.waited, self.used = meter.waited, meter.used  # when this attempt, cell or question began
+        self.waited = meter.waited  # when this attempt began
+        self.used = None  # when this cell or question began: what the meter says at the first look from then
 
     def hear(self, data, reply):
         """Take bytes from the child; `reply` sends the questions once the cells are done."""
@@ -154,19 +156,21 @@ class Watch:
         for raw in whole:
             try:
                 line = json.loads(raw)
-                if "begin" in line:
+                if "box" in line:  # only this process speaks for the box
+                    continue
+                elif "begin" in line:
                     self.cell = int(line["begin"])
-                    self.used = self.meter.used
+                    self.used = None
                 elif "asking" in line:
                     self.question = str(line["asking"])
-                    self.used = self.meter.used
+                    self.used = None
                 elif line.get("cells") == "done":
                     self.cell = None
                     reply()
                 elif "done" in line:
                     self.over = True
                 elif "cell" in line or line.get("question") == self.question:
-                    self.lines.append(raw)
+                    self.tell(raw)
                 else:
                     continue
                 self.heard = time.monotonic()
@@ -182,12 +186,19 @@ class Watch:
             self.late = True
             return f"was running when the notebook's {job['total_wall']} s were over"
         if os.getpid() != 1:  # without a box there is no telling whose processes there are
-            hung = time.monotonic() - self.heard > job["wall"]
-            return f"waited {job['wall']} s without end and was stopped" if hung else None
-        if not self.meter.look():
+            self.hung = time.monotonic() - self.heard > job["wall"]
+        elif not self.meter.look():
             return None
-        if self.meter.waited - self.waited > job["wall"]:
+        else:
+            self.hung = self.meter.waited - self.waited > job["wall"]
+        if self.hung:
             return f"waited {job['wall']} s without end and was stopped"
+        if os.getpid() != 1:
+            return None
+        if (
+            self.used is None
+        ):  # nothing of an earlier cell counts, however late this process hears of the next
+            self.used = self.meter.used
         most = 1.5 * (job["question_cpu"] if self.cell is None else job["cell_cpu"])
         if self.meter.used - self.used > most:
             return f"used more than {most:g} s of processor time with its processes and was stopped"
@@ -200,8 +211,8 @@ class Watch:
         return None
 
 
-def attempt(job, dropped, questions, meter, end):
-    """Run every cell but the dropped ones, then ask the questions; return (watch, why it ended)."""
+def attempt(job, dropped, questions, watch):
+    """Run every cell but the dropped ones, then ask the questions; return why it ended."""
     (read_end, write_end), (ask_read, ask_write) = os.pipe(), os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -211,34 +222,50 @@ def attempt(job, dropped, questions, meter, end):
         child(job, dropped, write_end, ask_read)
     os.close(write_end)
     os.close(ask_read)
-    watch, why = Watch(job, meter, end), None
-    send = (json.dumps(questions) + "\n").encode()
+    os.set_blocking(ask_write, False)  # a child may say that it is done, and then never read
+    why, unsaid, send = None, (json.dumps(questions) + "\n").encode(), b""
 
     def reply():
-        nonlocal send
-        with os.fdopen(os.dup(ask_write), "wb") as pipe:
-            pipe.write(send)
-        send = b""
+        nonlocal send, unsaid
+        send, unsaid = send + unsaid, b""
 
+    ended = False
     while not why and not watch.over:
-        why = watch.trouble()
-        if select.select([read_end], [], [], 0.1)[0]:
+        heard, free, _ = select.select([read_end], [ask_write] if send else [], [], 0 if ended else 0.1)
+        if free:
+            try:
+                send = send[os.write(ask_write, send) :]
+            except BrokenPipeError:
+                send = b""
+        if heard:
             data = os.read(read_end, 65536)
             if not data:
                 break
             watch.hear(data, reply)
-        elif os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT):
-            break
+        elif ended:
+            break  # and all that it had said is heard, however long this process got no turn
+        else:
+            ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        why = watch.trouble()
     became = kill_all(pid, job, watch.cell is None)
     os.close(read_end)
     os.close(ask_write)
-    return watch, why or became
+    return why or became
 
 
 def be_seen(yes):
     """Let other processes of the same user look into this one, or not (Linux: PR_SET_DUMPABLE)."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(4, int(yes), 0, 0, 0)
+
+
+def own_keys():
+    """Take a new key ring of the session: the kernel hands the one of whoever started us to every box."""
+    if sys.platform == "linux":
+        keyctl = 250 if os.uname().machine == "x86_64" else 219
+        ctypes.CDLL(None).syscall(
+            keyctl, 1, None
+        )  # KEYCTL_JOIN_SESSION_KEYRING; refused where there are none
 
 
 def limit(job):
@@ -260,32 +287,36 @@ def main():
     os.dup2(os.open("/dev/null", os.O_RDWR), 0)
     sys.path[:0] = job["path"]
     limit(job)
+    own_keys()
     be_seen(False)  # or a cell could write to our output through /proc/1/fd
     import numpy as np  # imported once, shared by every child
 
     np.zeros(1)
-    dropped, open_questions, said, meter = set(), job["questions"], [], Meter()
+
+    def tell(raw):
+        sys.stdout.buffer.write(raw + b"\n")
+        sys.stdout.buffer.flush()
+
+    tell(b'{"box": "open"}')
+    dropped, open_questions, meter = set(), job["questions"], Meter()
     end = time.monotonic() + job["total_wall"]
     for _ in range(job["attempts"]):
-        watch, why = attempt(job, dropped, open_questions, meter, end)
-        said += watch.lines
-        if watch.late:
-            said.append(b'{"box": "late"}')
+        watch = Watch(job, meter, end, tell)
+        why = attempt(job, dropped, open_questions, watch)
+        if (watch.late or watch.hung) and not watch.over:  # wall time: a busy machine may be to blame
+            tell(b'{"box": "late"}')
         if watch.over or watch.late:
             break
         if watch.cell is not None and watch.cell not in dropped:
             dropped.add(watch.cell)
-            said.append(json.dumps({"cell": watch.cell, "dropped": why}).encode())
+            tell(json.dumps({"cell": watch.cell, "dropped": why}).encode())
             continue
         names = [q["name"] for q in open_questions]
         if watch.question not in names:
+            tell(json.dumps({"box": "ended", "why": why}).encode())
             break
-        said.append(json.dumps({"question": watch.question, "killed": why}).encode())
+        tell(json.dumps({"question": watch.question, "killed": why}).encode())
         open_questions = open_questions[names.index(watch.question) + 1 :]
-    out = sys.stdout.buffer
-    for line in [b'{"box": "open"}', *said]:
-        out.write(line + b"\n")
-    out.flush()
     os._exit(0)
 
 
