@@ -1,59 +1,10 @@
 """Lab 4, judged on values alone: right answers written in other ways, wrong ones and what they are told."""
 
-import contextlib
-import functools
-import io
-from pathlib import Path
-
-import matplotlib
-import nbformat
 import numpy as np
 import pytest
+from values import OnValues
 
-from pendulab.grading import lab as labs
-from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression
-from pendulab.grading.judge import mark_answers
-from pendulab.grading.protocol import Answer
-
-matplotlib.use("agg")
-PATH = Path(__file__).resolve().parents[2] / "solutions" / "lab04_ekf_double_pendulum.ipynb"
-SLOW = {"films", "price", "forgetting", "noticed", "nees_perfect"}  # judged as numbers
-
-
-@functools.cache
-def sheets():
-    return {sheet.question.name: sheet for sheet in labs.load(PATH).draw(9)}
-
-
-@functools.cache
-def solved():
-    """The names of the given cells and of the solution, up to the films."""
-    names = {}
-    for cell in nbformat.read(PATH, as_version=4).cells:
-        tags = set(cell.metadata.get("tags", []))
-        mark = cell.metadata.get("nbgrader", {}).get("grade_id")
-        if cell.cell_type == "code" and not tags & {"hidden", "figure", "self-check"} and mark not in SLOW:
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(cell.source, names)
-    return names
-
-
-def graded(name, source):
-    """The mark of an answer, from the source that makes it."""
-    names = dict(solved())
-    exec(source, names)
-    sheet, answer, given = sheets()[name], names[name], []
-    for case in sheet.cases:
-        try:
-            if sheet.question.kind == "expression":
-                value = of_expression(answer, case.inputs["at"])
-            else:
-                value = answer(**case.inputs) if callable(answer) else answer
-            given.append(Answer(as_outputs(value)))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
+LAB = OnValues("lab04_ekf_double_pendulum", {"films", "price", "forgetting", "noticed", "nees_perfect"})
 
 
 RIGHT = {
@@ -171,8 +122,8 @@ RIGHT = {
 
 @pytest.mark.parametrize(("name", "way"), [(name, k) for name in RIGHT for k in range(len(RIGHT[name]))])
 def test_a_right_answer_earns_full_marks_however_it_is_written(name, way):
-    mark = graded(name, RIGHT[name][way])
-    assert (mark.points, mark.messages) == (sheets()[name].question.points, [])
+    mark = LAB.graded(name, RIGHT[name][way])
+    assert (mark.points, mark.messages) == (LAB.sheets[name].question.points, [])
 
 
 LOOP = """
@@ -229,20 +180,20 @@ WRONG = [  # answer, source, points, what it is told
 @pytest.mark.parametrize("case", range(len(WRONG)), ids=lambda k: f"{WRONG[k][0]}-{k}")
 def test_a_wrong_answer_loses_what_it_should_and_is_told_why(case):
     name, source, points, words = WRONG[case]
-    mark = graded(name, source)
-    assert mark.points < sheets()[name].question.points and mark.messages
+    mark = LAB.graded(name, source)
+    assert mark.points < LAB.sheets[name].question.points and mark.messages
     assert points is None or mark.points == points
     assert words in " ".join(mark.messages), mark.messages
 
 
 def test_partial_credit_goes_by_kinds_of_cases_and_by_parts():
-    unwrapped = graded("correct", WRONG[10][1])
+    unwrapped = LAB.graded("correct", WRONG[10][1])
     assert dict((kind, right / of) for kind, right, of in unwrapped.tallies)["angles across the top"] < 1
     assert dict((kind, right == of) for kind, right, of in unwrapped.tallies)["some missing"]
-    parts = {name: (earned, of) for name, earned, of in graded("correct", WRONG[13][1]).parts}
+    parts = {name: (earned, of) for name, earned, of in LAB.graded("correct", WRONG[13][1]).parts}
     assert parts["mean"] == (8.0, 8.0) and parts["covariance"] == (8.0, 8.0) and parts["NIS"] == (0.0, 4.0)
 
 
 def test_readings_are_told_by_places_and_stay_whole_numbers():
-    assert all(case.inputs["rows"].dtype.kind == "i" for case in sheets()["correct"].cases)
-    assert np.isnan(np.concatenate([case.inputs["z"] for case in sheets()["correct"].cases])).any()
+    assert all(case.inputs["rows"].dtype.kind == "i" for case in LAB.sheets["correct"].cases)
+    assert np.isnan(np.concatenate([case.inputs["z"] for case in LAB.sheets["correct"].cases])).any()
