@@ -75,33 +75,33 @@ def grade(folder: Path) -> dict:
     from pendulab.grading import batch
     from pendulab.grading.journal import Journal
 
-    began = time.perf_counter()
+    began, spent = time.perf_counter(), sum(os.times()[:4])
     solutions = {attacks.LAB: folder / "solutions" / f"{attacks.LAB}.ipynb"}
     batch.run(batch.Order(folder / "in", folder / "out", solutions, seed=1, jobs=JOBS))
-    seconds = time.perf_counter() - began
+    seconds, spent = time.perf_counter() - began, sum(os.times()[:4]) - spent
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     with Journal(folder / "out") as book:
         points = [result.points for result in book.of_lab(attacks.LAB)]
-    return {"seconds": seconds, "peak_MB": peak, "points": points}
+    return {"seconds": seconds, "processor": spent, "peak_MB": peak, "points": points}
 
 
 NBGRADER = """
-import sys, time
+import os, sys, time
 from nbgrader.apps import NbGraderAPI
 from traitlets.config import Config
 config = Config()
 config.CourseDirectory.root, lab, students = sys.argv[1], sys.argv[2], sys.argv[3:]
 api = NbGraderAPI(config=config)
 made = api.generate_assignment(lab)
-began = time.perf_counter()
+began, spent = time.perf_counter(), sum(os.times()[:4])
 done = [api.autograde(lab, student) for student in students]
-print(time.perf_counter() - began)
+print(time.perf_counter() - began, sum(os.times()[:4]) - spent)
 sys.exit(0 if all(step["success"] for step in [made, *done]) else str([made, *done]))
 """
 
 
-def nbgraders(folder: Path, students: int) -> float:
-    """Seconds in which nbgrader's autograder takes so many of the same notebooks, its start not counted.
+def nbgraders(folder: Path, students: int) -> tuple[float, float]:
+    """Seconds, and those of the processor, in which nbgrader's autograder takes so many; without its start.
 
     Raises
     ------
@@ -119,7 +119,8 @@ def nbgraders(folder: Path, students: int) -> float:
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=course)
     if done.returncode:
         raise RuntimeError(done.stderr[-2000:])
-    return float(done.stdout.split()[-1])
+    seconds, processor = done.stdout.split()[-2:]
+    return float(seconds), float(processor)
 
 
 def measure(many: int = MANY, few: int = FEW) -> dict:
@@ -129,7 +130,7 @@ def measure(many: int = MANY, few: int = FEW) -> dict:
         ours = graded(Path(folder))
         if ours.pop("points") != wanted:
             raise RuntimeError("the class did not get the points that it earned")
-        theirs = nbgraders(Path(folder), few)
+        theirs, processor = nbgraders(Path(folder), few)
     return {
         "submissions": many,
         "minute": 60 * many / ours["seconds"],
@@ -137,6 +138,7 @@ def measure(many: int = MANY, few: int = FEW) -> dict:
         "seconds": ours["seconds"] / many,
         "nbgrader_seconds": theirs / few,
         "ratio": (theirs / few) / (ours["seconds"] / many),
+        "processor_ratio": (processor / few) / (ours["processor"] / many),
     }
 
 
@@ -145,7 +147,8 @@ def table(found: dict) -> str:
     return (
         f"{found['submissions']} submissions, {JOBS} at a time: {found['minute']:.0f} a minute, "
         f"{found['seconds']:.3f} s each, peak of the grader {found['peak_MB']:.0f} MB\n"
-        f"nbgrader's autograder: {found['nbgrader_seconds']:.2f} s each, {found['ratio']:.0f} times as much"
+        f"nbgrader's autograder: {found['nbgrader_seconds']:.2f} s each, {found['ratio']:.0f} times as much, "
+        f"{found['processor_ratio']:.0f} times the processor time"
     )
 
 
