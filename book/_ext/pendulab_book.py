@@ -39,7 +39,7 @@ def fingerprint(root):
     digest = hashlib.sha256()
     for pattern in RUNS_DEPEND_ON:
         for path in sorted(root.glob(pattern)):
-            if path.is_file() and not {"__pycache__", "grading"} & {*path.parts, path.stem}:  # unused by pages
+            if path.is_file() and not {"__pycache__", "grading"} & {*path.parts, path.stem}:  # no page's
                 content = hashlib.sha256(path.read_bytes()).hexdigest()
                 digest.update(f"{path.relative_to(root).as_posix()} {content}\n".encode())
     return digest.hexdigest()
