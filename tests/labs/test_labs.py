@@ -117,7 +117,6 @@ def test_an_untouched_lab_runs_to_its_end_and_says_not_answered_yet(path):
 
 # A check that knows no answers cannot tell these: they are close, or one measurement of spread is coarse.
 UNSEEN = {"99", "101", "I + dt*A, the Jacobian of an Euler step.", "Only Q / 10 was multiplied"}
-UNSEEN |= {"The truth is taken for the middle of the range"}  # lab 8
 
 
 def solved(path):
@@ -301,6 +300,41 @@ def ekf(z, x0, P0, rows, Q, R, dt, p):
 """,
         "with the Jacobian at the mean AFTER the step",
     ),
+    ("lab04_ekf_double_pendulum", "ekf of p0"): (
+        """
+def ekf(z, x0, P0, rows, Q, R, dt, p):
+    x, P, kept = x0, P0, []
+    for frame in z:
+        F = step_jacobian(x, dt, p0)
+        x, P, nis = correct(step(x, dt, p0), F @ P @ F.T + Q, frame, rows, R)
+        kept.append((x, P, nis))
+    return tuple(np.array(column) for column in zip(*kept))
+""",
+        "Do you use the `p` that you are given?",
+    ),
+    ("lab04_ekf_double_pendulum", "ekf that skips"): (
+        """
+def ekf(z, x0, P0, rows, Q, R, dt, p):
+    x, P, kept = x0, P0, []
+    for frame in z:
+        F = step_jacobian(x, dt, p)
+        frame = np.full(len(frame), np.nan) if np.isnan(frame).any() else frame
+        x, P, nis = correct(step(x, dt, p), F @ P @ F.T + Q, frame, rows, R)
+        kept.append((x, P, nis))
+    return tuple(np.array(column) for column in zip(*kept))
+""",
+        "one of two readings is missing",
+    ),
+    ("lab04_ekf_double_pendulum", "price from the 27th frame"): (
+        """
+def late(means):
+    return np.mean((films["wild"][0] - means)[:, 26:, 1::2] ** 2, axis=(1, 2))
+
+
+price = interval(np.log(late(seen["wild", "angles"][0]) / late(seen["wild", "everything"][0])))
+""",
+        "the 26th has the index 25",
+    ),
     # lab 5
     ("lab05_sigma_points", "sigma_points"): (
         """
@@ -404,6 +438,56 @@ def noise_and_prior(ticks, rate_std, b_low, b_high):
     return np.array([[R]]), np.diag([R, rate_std**2, (b_high - b_low) ** 2 / 4])
 """,
         "A width is not a standard deviation",
+    ),
+    ("lab08_pendulum_and_damping", "euler_step of the middle"): (
+        """
+def euler_step(x, u, dt, a, c):
+    theta, omega, b = x
+    return np.array([theta + dt * omega, omega + dt * (-a * np.sin(theta) - 0.7 * omega + c * u), b])
+""",
+        "is b the third state?",
+    ),
+    ("lab08_pendulum_and_damping", "damping_filter that clips"): (
+        """
+def damping_filter(z, told, x0, P0, R, volt_std, dt, a, c):
+    def clipped(*given):
+        x = euler_step(*given)
+        return np.append(x[:2], np.clip(x[2], b_low, b_high))
+    return run_filter(clipped, state_jacobian, z, told, x0, P0, R, volt_std, dt, a, c)
+""",
+        "clipped to a range?",
+    ),
+    ("lab08_pendulum_and_damping", "cured_filter of this pendulum"): (
+        """
+A, C = a, c
+def cured_filter(z, told, x0, P0, R, volt_std, dt, a, c):
+    return run_filter(rk4_step, state_jacobian, z, told, x0, P0, R, volt_std, dt, A, C)
+""",
+        "c, dt and the voltages that you are given?",
+    ),
+    ("lab08_pendulum_and_damping", "cured_filter in smaller steps"): (
+        """
+def smaller(x, u, dt, a, c):
+    for _ in range(4):
+        x = euler_step(x, u, dt / 4, a, c)
+    return x
+
+
+def cured_filter(z, told, x0, P0, R, volt_std, dt, a, c):
+    return run_filter(smaller, state_jacobian, z, told, x0, P0, R, volt_std, dt, a, c)
+""",
+        "Euler's in smaller steps?",
+    ),
+    ("lab08_pendulum_and_damping", "cured_filter with twice the noise"): (
+        """
+def cured_filter(z, told, x0, P0, R, volt_std, dt, a, c):
+    return run_filter(rk4_step, state_jacobian, z, told, x0, P0, R, 2 * volt_std, dt, a, c)
+""",
+        "Is the noise the one you are given?",
+    ),
+    ("lab08_pendulum_and_damping", "euler_bias from the middle"): (
+        "euler_bias = euler_b.mean() - 0.7",
+        "the truth is not the middle of the range",
     ),
     # lab 9
     ("lab09_reaction_wheel", "discretised"): (
