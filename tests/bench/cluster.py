@@ -12,10 +12,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 import peers
+from memory import largest
 
 from pendulab import consistency, ekf, montecarlo, simulate, track
 
@@ -42,16 +42,7 @@ def experiment(rng, runs):
 def used() -> tuple[float, float, int]:
     """Of this process: CPU seconds, largest resident size in MB, pages it had to be given."""
     spent = resource.getrusage(resource.RUSAGE_SELF)
-    return spent.ru_utime + spent.ru_stime, largest(spent), spent.ru_minflt
-
-
-def largest(spent) -> float:
-    """MB. On Linux not from ru_maxrss: a process starts with that of the one that started it."""
-    try:
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-        return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / MILLION
-    except (OSError, ValueError, IndexError):
-        return spent.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / MILLION
+    return spent.ru_utime + spent.ru_stime, largest(), spent.ru_minflt
 
 
 def one_block_size(block: int, repeat: int = 3) -> tuple[float, float, float]:

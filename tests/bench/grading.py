@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ sys.path.insert(0, str(HERE.parent / "grading"))
 
 import attacks  # noqa: E402  (its small lab, and honest answers)
 import nbformat  # noqa: E402
+from memory import largest  # noqa: E402
 
 JOBS, MANY, FEW = 2, 1000, 4
 CHECKS = {
@@ -79,7 +79,7 @@ def grade(folder: Path) -> dict:
     solutions = {attacks.LAB: folder / "solutions" / f"{attacks.LAB}.ipynb"}
     batch.run(batch.Order(folder / "in", folder / "out", solutions, seed=1, jobs=JOBS))
     seconds, spent = time.perf_counter() - began, sum(os.times()[:4]) - spent
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak = largest()
     with Journal(folder / "out") as book:
         points = [result.points for result in book.of_lab(attacks.LAB)]
     return {"seconds": seconds, "processor": spent, "peak_MB": peak, "points": points}

@@ -3,55 +3,13 @@
 The judge is asked directly, without a sandbox: what is tested here is the lab's own questions.
 """
 
-import contextlib
-import functools
-import io
-from pathlib import Path
 
 import matplotlib
-import nbformat
 import pytest
-
-from pendulab.grading import lab as labs
-from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression, of_figure
-from pendulab.grading.judge import mark_answers
-from pendulab.grading.protocol import Answer
+from values import OnValues
 
 matplotlib.use("agg")
-PATH = Path(__file__).resolve().parents[2] / "solutions" / "lab01_lagrangian_to_motion.ipynb"
-
-
-@pytest.fixture(scope="module")
-def solved():
-    """Every name of the solved lab, without checks, figures and hidden cells."""
-    names = {}
-    for cell in nbformat.read(PATH, as_version=4).cells:
-        if cell.cell_type == "code" and not {"hidden", "figure", "self-check"} & set(
-            cell.metadata.get("tags", [])
-        ):
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(cell.source, names)
-    return names
-
-
-@functools.cache
-def sheets():
-    return {sheet.question.name: sheet for sheet in labs.load(PATH).draw(seed=7)}
-
-
-def graded(name, source, solved):
-    """What the answer `name` earns that this source makes, in a notebook with the other answers right."""
-    names = dict(solved)
-    exec(source, names)
-    sheet, answer = sheets()[name], names[name]
-    value = {
-        "function": lambda **inputs: answer(**inputs),
-        "variable": lambda: answer,
-        "expression": lambda at: of_expression(answer, at),
-        "figure": lambda curve, x: of_figure(answer, curve, x),
-    }[sheet.question.kind]
-    return mark_answers(sheet, [Answer(as_outputs(value(**case.inputs))) for case in sheet.cases])
+LAB = OnValues("lab01_lagrangian_to_motion", seed=7)
 
 
 RUNGE_KUTTA = """
@@ -239,9 +197,9 @@ twins.set_yscale("log")
 
 
 @pytest.mark.parametrize("how", RIGHT)
-def test_a_right_answer_earns_all_however_it_is_written(how, solved):
+def test_a_right_answer_earns_all_however_it_is_written(how):
     name, source = RIGHT[how]
-    mark = graded(name, source, solved)
+    mark = LAB.graded(name, source)
     assert (mark.points, mark.messages) == (mark.question.points, [])
 
 
@@ -325,7 +283,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("name", "source", "told"), WRONG)
-def test_a_wrong_answer_does_not_and_is_told_why(name, source, told, solved):
-    mark = graded(name, source, solved)
+def test_a_wrong_answer_does_not_and_is_told_why(name, source, told):
+    mark = LAB.graded(name, source)
     assert mark.points < mark.question.points
     assert any(told in text for text in mark.messages), mark.messages

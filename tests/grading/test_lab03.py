@@ -9,14 +9,10 @@ import nbformat
 import numpy as np
 import pytest
 import sympy as sp
+from values import load, marked
 
-from pendulab.grading import lab as labs
 from pendulab.grading import selfcheck
-from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression
 from pendulab.grading.grade import Grader
-from pendulab.grading.judge import mark_answers
-from pendulab.grading.protocol import Answer
 from pendulab.grading.submissions import Submission
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,27 +21,12 @@ NAME = "lab03_kalman_filter_by_hand"
 
 @pytest.fixture(scope="module")
 def lab03():
-    return labs.load(ROOT / "solutions" / f"{NAME}.ipynb")
+    return load(NAME)
 
 
 @pytest.fixture(scope="module")
 def sheets(lab03):
     return {sheet.question.name: sheet for sheet in lab03.draw(31)}
-
-
-def marked(sheet, answer):
-    """The mark of a function, a number, or an expression, without a sandbox."""
-    given = []
-    for case in sheet.cases:
-        try:
-            if sheet.question.kind == "expression":
-                value = of_expression(answer, **dict(symbols=case.inputs["at"]))
-            else:
-                value = answer(*case.inputs.values()) if callable(answer) else answer
-            given.append(Answer(as_outputs(value)))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
 
 
 # Right answers, five ways each of the main questions.

@@ -1,7 +1,6 @@
 """Lab 5, judged on values alone: right answers written in other ways, wrong ones and what they are told."""
 
 import contextlib
-import functools
 import io
 from pathlib import Path
 
@@ -12,65 +11,25 @@ import pytest
 import scipy.linalg
 import sympy as sp
 from matplotlib.figure import Figure
+from values import SOLUTIONS, OnValues
 
-from pendulab.grading import lab as labs
 from pendulab.grading import selfcheck
 from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression, of_figure
 from pendulab.grading.judge import mark_answers
 from pendulab.grading.protocol import Answer
 
 matplotlib.use("agg")
 ROOT = Path(__file__).resolve().parents[2]
-PATH = ROOT / "solutions" / "lab05_sigma_points.ipynb"
-
-
-@functools.cache
-def solved():
-    """Every name of the solved lab, without checks, tables and hidden cells."""
-    names = {}
-    for cell in nbformat.read(PATH, as_version=4).cells:
-        if cell.cell_type == "code" and not {"hidden", "figure", "self-check"} & set(
-            cell.metadata.get("tags", [])
-        ):
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(cell.source, names)
-    return names
-
-
-@functools.cache
-def lab05():
-    return labs.load(PATH)
-
-
-@functools.cache
-def sheets():
-    return {sheet.question.name: sheet for sheet in lab05().draw(seed=31)}
-
-
-def marked(name, answer):
-    """The mark of an answer of any kind, without a sandbox."""
-    sheet, given = sheets()[name], []
-    value = {
-        "function": lambda **inputs: answer(*inputs.values()),
-        "variable": lambda: answer,
-        "expression": lambda at: of_expression(answer, at),
-        "figure": lambda curve, x: of_figure(answer, curve, x),
-    }[sheet.question.kind]
-    for case in sheet.cases:
-        try:
-            given.append(Answer(as_outputs(value(**case.inputs))))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
+LAB = OnValues("lab05_sigma_points", seed=31)
+marked = LAB.marked
 
 
 def swing(X, p):
-    return solved()["swing"](X, p)
+    return LAB.solved["swing"](X, p)
 
 
 def camera(X, p):
-    return solved()["camera"](X, p)
+    return LAB.solved["camera"](X, p)
 
 
 # Right answers, written in other ways.
@@ -261,7 +220,7 @@ RIGHT = {
 @pytest.mark.parametrize(("name", "way"), [(n, k) for n, ways in RIGHT.items() for k in range(len(ways))])
 def test_a_right_answer_earns_full_marks_however_it_is_written(name, way):
     result = marked(name, RIGHT[name][way])
-    assert result.points == sheets()[name].question.points, result.messages
+    assert result.points == LAB.sheets[name].question.points, result.messages
 
 
 def plain(x, P, z, R, p):
@@ -302,7 +261,7 @@ def no_redraw(z, x0, P0, Q, R, p):
 
 def by_moments(old, x, Z, z_hat, wm, wc):
     """`moments` takes the first row for the mean, and the old points have moved."""
-    return solved()["moments"](old, Z, wm, wc)[2]
+    return LAB.solved["moments"](old, Z, wm, wc)[2]
 
 
 def with_wm(old, x, Z, z_hat, wm, wc):
@@ -378,14 +337,14 @@ WRONG = [
 def test_a_wrong_answer_loses_marks_and_is_told_why(number):
     name, answer, points, words = WRONG[number]
     result = marked(name, answer)
-    assert result.points < sheets()[name].question.points
+    assert result.points < LAB.sheets[name].question.points
     assert points is None or result.points == pytest.approx(points, abs=0.01), result.messages
     assert any(words in text for text in result.messages), result.messages
 
 
 def drawn(names=("EKF", "redrawn", "mixed"), axes_only=False, change=lambda y: y):
     """The figure, made from other code: NEES through a Cholesky factor."""
-    lab = solved()
+    lab = LAB.solved
     axes = Figure().subplots()
     for label in names:
         means, covs = lab["beliefs"][label]
@@ -403,7 +362,7 @@ def test_a_figure_is_judged_by_its_curves():
 
 
 def test_other_divisors_of_a_deviation_earn_the_number():
-    lab = solved()
+    lab = LAB.solved
     d = lab["rms"](lab["beliefs"]["redrawn"][0]) - lab["rms"](lab["beliefs"]["EKF"][0])
     for answer in ((d.mean(), 1.96 * d.std() / 60**0.5), [d.mean(), 1.959964 * d.std(ddof=1) / 60**0.5]):
         assert marked("gained", np.array(answer)).points == 4
@@ -411,7 +370,7 @@ def test_other_divisors_of_a_deviation_earn_the_number():
 
 def test_the_surprise_is_there():
     """No difference in accuracy was found, honesty was; the forgotten line is worse than the tangent."""
-    lab = solved()
+    lab = LAB.solved
     assert abs(lab["gained"][0]) < lab["gained"][1]
     assert lab["harmed"][0] > 2 * lab["harmed"][1]
     nees = {name: lab["nees"](*belief).mean(axis=0)[:4].max() for name, belief in lab["beliefs"].items()}
@@ -420,7 +379,7 @@ def test_the_surprise_is_there():
 
 @pytest.mark.parametrize("seed", range(40, 44))
 def test_right_filters_are_right_for_any_seed(seed):
-    by_name = {q.name: q for q in lab05().questions}
+    by_name = {q.name: q for q in LAB.lab.questions}
     for name in ("ukf", "slides"):
         sheet = by_name[name].draw(seed)
         given = [Answer(as_outputs(RIGHT[name][1](*case.inputs.values()))) for case in sheet.cases]
@@ -429,9 +388,9 @@ def test_right_filters_are_right_for_any_seed(seed):
 
 def test_without_predict_later_checks_say_what_is_missing(monkeypatch):
     monkeypatch.setattr(selfcheck, "_empty", {})  # as in a kernel of its own
-    said, names = io.StringIO(), dict(solved())
+    said, names = io.StringIO(), dict(LAB.solved)
     with contextlib.redirect_stdout(said):
-        for cell in nbformat.read(PATH, as_version=4).cells:
+        for cell in nbformat.read(SOLUTIONS / f"{LAB.name}.ipynb", as_version=4).cells:
             mark = cell.metadata.get("nbgrader", {}).get("grade_id")
             if mark == "predict":
                 exec("def predict(x, P, Q, p):\n    pass", names)

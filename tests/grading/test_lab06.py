@@ -1,67 +1,23 @@
 """Lab 6, judged on values alone: right answers written in other ways, wrong ones and what they are told."""
 
-import contextlib
-import functools
-import io
 from pathlib import Path
 
 import matplotlib
-import nbformat
 import numpy as np
 import pytest
 import sympy as sp
 from matplotlib.figure import Figure
 from scipy import special, stats
+from values import OnValues
 
-from pendulab.grading import lab as labs
 from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression, of_figure
 from pendulab.grading.judge import mark_answers
 from pendulab.grading.protocol import Answer
 
 matplotlib.use("agg")
 ROOT = Path(__file__).resolve().parents[2]
-PATH = ROOT / "solutions" / "lab06_adaptive_ukf.ipynb"
-
-
-@functools.cache
-def solved():
-    """Every name of the solved lab, without checks, tables and hidden cells."""
-    names = {}
-    for cell in nbformat.read(PATH, as_version=4).cells:
-        if cell.cell_type == "code" and not {"hidden", "figure", "self-check"} & set(
-            cell.metadata.get("tags", [])
-        ):
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(cell.source, names)
-    return names
-
-
-@functools.cache
-def lab06():
-    return labs.load(PATH)
-
-
-@functools.cache
-def sheets():
-    return {sheet.question.name: sheet for sheet in lab06().draw(seed=31)}
-
-
-def marked(name, answer):
-    """The mark of an answer of any kind, without a sandbox."""
-    sheet, given = sheets()[name], []
-    value = {
-        "function": lambda **inputs: answer(*inputs.values()),
-        "variable": lambda: answer,
-        "expression": lambda at: of_expression(answer, at),
-        "figure": lambda curve, x: of_figure(answer, curve, x),
-    }[sheet.question.kind]
-    for case in sheet.cases:
-        try:
-            given.append(Answer(as_outputs(value(**case.inputs))))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
+LAB = OnValues("lab06_adaptive_ukf", seed=31)
+marked = LAB.marked
 
 
 # Right answers, written in other ways.
@@ -121,7 +77,7 @@ def one_by_one(term, joint=False):
     """Film after film, frame after frame, into arrays made before."""
 
     def run(z, x0, P0, Q, R0, b, p):
-        lab, (films, N) = solved(), z.shape
+        lab, (films, N) = LAB.solved, z.shape
         means, covs = np.empty((films, N, 2)), np.empty((films, N, 2, 2))
         learned, factors, nis = np.empty((films, N)), np.empty((films, N)), np.empty((films, N))
         for f in range(films):
@@ -143,7 +99,7 @@ def one_by_one(term, joint=False):
 
 def by_corrected(z, x0, P0, Q, R0, b, p):
     """All films at once, with the residual and the corrected covariance themselves."""
-    lab, n = solved(), len(z)
+    lab, n = LAB.solved, len(z)
     x, P, R = x0 + np.zeros((n, 1)), P0 + np.zeros((n, 1, 1)), R0 * np.ones(n)
     rows = []
     for j in range(z.shape[1]):
@@ -155,7 +111,7 @@ def by_corrected(z, x0, P0, Q, R0, b, p):
 
 
 def both_by_corrected(z, x0, P0, Q, R0, b, p):
-    lab, n = solved(), len(z)
+    lab, n = LAB.solved, len(z)
     x, P, R, q = x0 + np.zeros((n, 1)), P0 + np.zeros((n, 1, 1)), R0 * np.ones(n), np.ones(n)
     rows = []
     for j in range(z.shape[1]):
@@ -180,14 +136,14 @@ RIGHT = {
 @pytest.mark.parametrize(("name", "way"), [(n, w) for n, ways in RIGHT.items() for w in range(len(ways))])
 def test_a_right_answer_earns_full_marks_however_it_is_written(name, way):
     result = marked(name, RIGHT[name][way])
-    assert result.points == sheets()[name].question.points, result.messages
+    assert result.points == LAB.sheets[name].question.points, result.messages
 
 
 def with_part(name, place, change):
     """A right answer of which one part is changed."""
 
     def variant(*inputs):
-        parts = list(solved()[name](*inputs))
+        parts = list(LAB.solved[name](*inputs))
         parts[place] = change(parts[place])
         return tuple(parts)
 
@@ -241,13 +197,13 @@ WRONG = [
 def test_a_wrong_answer_loses_marks_and_is_told_why(number):
     name, answer, points, words = WRONG[number]
     result = marked(name, answer)
-    assert result.points < sheets()[name].question.points
+    assert result.points < LAB.sheets[name].question.points
     assert points is None or result.points == pytest.approx(points, abs=0.01), result
     assert any(words in text for text in result.messages), result.messages
 
 
 def drawn(names=("slow", "quick"), axes_only=False, change=lambda y: y):
-    lab, axes = solved(), Figure().subplots()
+    lab, axes = LAB.solved, Figure().subplots()
     for label in names:
         R = by_corrected(lab["films"], lab["x0"], lab["P0"], lab["Q"], lab["R0"], lab[label], lab["p0"])[2]
         axes.semilogy(lab["times"], change(R.mean(axis=0) / lab["R0"]), "o-", label=label)
@@ -264,14 +220,14 @@ def test_a_figure_is_judged_by_its_curves():
 
 def test_other_divisors_of_a_deviation_earn_the_numbers():
     for name in ("taught", "honest", "drift"):
-        mean, half = solved()[name]
+        mean, half = LAB.solved[name]
         for factor in (np.sqrt(59 / 60) if name != "drift" else np.sqrt(39 / 40), 1.959964 / 1.96):
-            assert marked(name, [mean, half * factor]).points == sheets()[name].question.points
+            assert marked(name, [mean, half * factor]).points == LAB.sheets[name].question.points
 
 
 def test_the_surprises_are_there():
     """It wins by four on the truth, by nothing on films; and `both` leaves the truth with a NIS near one."""
-    lab = solved()
+    lab = LAB.solved
     assert np.exp(-lab["taught"][0]) > 4 and lab["taught"][1] < 0.1
     assert lab["honest"][0] - lab["honest"][1] > -0.005 and sum(lab["honest"]) < 0.01
     assert lab["drift"][0] > 5 * lab["drift"][1]
@@ -281,7 +237,7 @@ def test_the_surprises_are_there():
 
 @pytest.mark.parametrize("seed", range(40, 43))
 def test_right_filters_are_right_for_any_seed(seed):
-    by_name = {q.name: q for q in lab06().questions}
+    by_name = {q.name: q for q in LAB.lab.questions}
     for name in ("adaptive", "both"):
         sheet = by_name[name].draw(seed)
         given = [Answer(as_outputs(RIGHT[name][0](*case.inputs.values()))) for case in sheet.cases]

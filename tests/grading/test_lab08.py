@@ -5,12 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-
-from pendulab.grading import lab as labs
-from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression
-from pendulab.grading.judge import mark_answers
-from pendulab.grading.protocol import Answer
+from values import load, marked
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "lab08_pendulum_and_damping"
@@ -19,22 +14,7 @@ MAIN = "euler_step", "state_jacobian", "input_jacobian", "process_noise", "noise
 
 @pytest.fixture(scope="module")
 def sheets():
-    return {sheet.question.name: sheet for sheet in labs.load(ROOT / "solutions" / f"{NAME}.ipynb").draw(31)}
-
-
-def marked(sheet, answer):
-    """The mark of a function, a number, or an expression, without a sandbox."""
-    given = []
-    for case in sheet.cases:
-        try:
-            if sheet.question.kind == "expression":
-                value = of_expression(answer, case.inputs["at"])
-            else:
-                value = answer(*case.inputs.values()) if callable(answer) else answer
-            given.append(Answer(as_outputs(value)))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
+    return {sheet.question.name: sheet for sheet in load(NAME).draw(31)}
 
 
 # Right answers, five ways each of the main questions.

@@ -1,69 +1,19 @@
 """Lab 9, judged on values alone: right answers written in other ways, wrong ones and what they are told."""
 
-import contextlib
-import functools
-import io
-from pathlib import Path
 
 import matplotlib
-import nbformat
 import pytest
-
-from pendulab.grading import lab as labs
-from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression, of_figure
-from pendulab.grading.judge import mark_answers
-from pendulab.grading.protocol import Answer
+from values import OnValues
 
 matplotlib.use("agg")
-PATH = Path(__file__).resolve().parents[2] / "solutions" / "lab09_reaction_wheel.ipynb"
-LATER = {"runs", "loss", "nees_deceived", "left_over", "bias_left"}  # slow, and judged as numbers
-
-
-@functools.cache
-def declared():
-    return labs.load(PATH)
-
-
-@functools.cache
-def sheets(seed=9):
-    return {sheet.question.name: sheet for sheet in declared().draw(seed)}
-
-
-@functools.cache
-def solved():
-    """The names of the given cells and of the solution up to the runs."""
-    names = {}
-    for cell in nbformat.read(PATH, as_version=4).cells:
-        tags = set(cell.metadata.get("tags", []))
-        mark = cell.metadata.get("nbgrader", {}).get("grade_id")
-        wanted = cell.cell_type == "code" and not tags & {"hidden", "figure", "self-check"}
-        if wanted and mark not in LATER | {"biases"}:
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(cell.source, names)
-    return names
+LATER = {"biases", "runs", "loss", "nees_deceived", "left_over", "bias_left"}  # slow, and judged as numbers
+LABS = {seed: OnValues("lab09_reaction_wheel", LATER, seed) for seed in (9, 41)}
 
 
 def graded(name, answer, seed=9):
     """The mark of an answer, as source that makes it or as a value."""
-    if isinstance(answer, str):
-        names = dict(solved())
-        exec(answer, names)
-        answer = names[name]
-    sheet = sheets(seed)[name]
-    value = {
-        "function": lambda **inputs: answer(**inputs),
-        "variable": lambda: answer,
-        "expression": lambda at: of_expression(answer, at),
-        "figure": lambda curve, x: of_figure(answer, curve, x),
-    }[sheet.question.kind]
-    given = []
-    for case in sheet.cases:
-        try:
-            given.append(Answer(as_outputs(value(**case.inputs))))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
+    lab = LABS[seed]
+    return lab.graded(name, answer) if isinstance(answer, str) else lab.marked(name, answer)
 
 
 BY_HAND = """
@@ -205,10 +155,10 @@ RIGHT = {
 
 
 @pytest.mark.parametrize(("name", "way"), [(n, k) for n, ways in RIGHT.items() for k in range(len(ways))])
-@pytest.mark.parametrize("seed", [9, 41])
+@pytest.mark.parametrize("seed", LABS)
 def test_a_right_answer_earns_full_marks_however_it_is_written(name, way, seed):
     result = graded(name, RIGHT[name][way], seed)
-    assert result.points == sheets()[name].question.points, result.messages
+    assert result.points == LABS[9].sheets[name].question.points, result.messages
 
 
 KEEP = "right = discretised\ndef discretised(A, B, dt):\n    F, G = right(A, B, dt)\n    "

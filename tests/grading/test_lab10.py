@@ -12,14 +12,10 @@ import sympy as sp
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
+from values import load, marked
 
-from pendulab.grading import lab as labs
 from pendulab.grading import selfcheck
-from pendulab.grading.cases import as_outputs
-from pendulab.grading.evaluate import of_expression, of_figure
 from pendulab.grading.grade import Grader
-from pendulab.grading.judge import mark_answers
-from pendulab.grading.protocol import Answer
 from pendulab.grading.submissions import Submission
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,30 +24,12 @@ NAME = "lab10_projectile_drag"
 
 @pytest.fixture(scope="module")
 def lab10():
-    return labs.load(ROOT / "solutions" / f"{NAME}.ipynb")
+    return load(NAME)
 
 
 @pytest.fixture(scope="module")
 def sheets(lab10):
     return {sheet.question.name: sheet for sheet in lab10.draw(31)}
-
-
-def marked(sheet, answer):
-    """The mark of a function, a number, an expression or a figure, without a sandbox."""
-    given = []
-    for case in sheet.cases:
-        try:
-            if sheet.question.kind == "expression":
-                value = of_expression(answer, **dict(symbols=case.inputs["at"]))
-            elif sheet.question.kind == "figure":
-                value = of_figure(answer, **case.inputs)
-            else:
-                with np.errstate(all="ignore"):
-                    value = answer(*case.inputs.values()) if callable(answer) else answer
-            given.append(Answer(as_outputs(value)))
-        except Exception as error:
-            given.append(Answer(problem=f"raised {type(error).__name__}"))
-    return mark_answers(sheet, given)
 
 
 # Right answers, five ways each of the main questions.
