@@ -165,19 +165,32 @@ def test_a_sandbox_that_never_opened_is_not_the_students_fault(monkeypatch):
         sandbox.run([], [], limits=replace(SHORT, total_wall=-8))
 
 
-def test_what_a_child_said_before_its_end_is_heard_by_a_warden_that_got_no_turn(monkeypatch):
-    """It looked for news, found none, and the next time that it ran the child had spoken and ended."""
-    look = warden.select.select
+TOO_LATE = """
+import json, os, sys, time
+from pendulab.grading import warden
 
-    def before(read, write, error, wait):
-        monkeypatch.setattr(warden.select, "select", look)
-        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOWAIT)
-        return [], [], []
+look = warden.select.select
 
-    monkeypatch.setattr(warden.select, "select", before)
-    job = asdict(SHORT) | {"cells": ["import os\nos._exit(0)"]}
-    watch = warden.Watch(job, warden.Meter(), time.monotonic() + 60, None)
-    assert warden.attempt(job, set(), [], watch) == "ended the process" and watch.cell == 0
+def before(read, write, error, wait):
+    warden.select.select = look
+    os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOWAIT)
+    return [], [], []
+
+warden.select.select = before
+job = json.loads(sys.argv[1]) | {"cells": ["import os\\nos._exit(0)"]}
+watch = warden.Watch(job, warden.Meter(), time.monotonic() + 60, None)
+print(json.dumps([warden.attempt(job, set(), [], watch), watch.cell]))
+"""
+
+
+def test_what_a_child_said_before_its_end_is_heard_by_a_warden_that_got_no_turn():
+    """It looked for news, found none, and the next time that it ran the child had spoken and ended.
+
+    In a process of its own: a warden waits for every child, and pytest may have a browser.
+    """
+    command = [sys.executable, "-c", TOO_LATE, json.dumps(asdict(SHORT))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.splitlines()[-1]) == ["ended the process", 0]
 
 
 def test_processor_time_of_a_cell_is_not_that_of_the_one_before(monkeypatch):
