@@ -1,8 +1,8 @@
 """What the book needs beyond Jupyter Book, as one small Sphinx extension.
 
 1. `mirror_labs`    copies labs/ into the source folder, where Sphinx must find it (book/labs is not tracked).
-2. `drop_old_runs`  empties the execution cache when the package or its pins changed: the cache's own key
-                    is the cells of a page only.
+2. `drop_old_runs`  drops from the execution cache what the package or its pins have outdated: the cache's own
+                    key is the cells of a page only.
 3. `bring_mathjax`  lets the site carry its own MathJax, so that pages open from disk and without a network.
 4. `drop_thebe`     removes an extension that Jupyter Book always loads and that loads a script from outside.
 5. `ByName`         lists the bibliography by author, each entry under the name and year that the text cites.
@@ -10,16 +10,24 @@
 
 import filecmp
 import hashlib
+import json
 import shutil
 from importlib.util import find_spec
 from pathlib import Path
 
+from jupyter_cache import get_cache
 from pybtex.plugin import register_plugin
 from pybtex.style.formatting.unsrt import Style
 from pybtex.style.labels import BaseLabelStyle
 
 MATHJAX = "static/mathjax/tex-svg-full.js"
-RUNS_DEPEND_ON = ("src/pendulab/**/*", "requirements.txt", "tests/bench/*.py", "book/bench.json")
+EVERY_RUN_DEPENDS_ON = ("src/pendulab/**/*", "requirements.txt")
+# What only some pages run: their cells name it.
+SOME_RUNS_DEPEND_ON = {
+    "replications": ("src/pendulab/replications/**/*", "book/replications.json"),
+    "bench": ("tests/bench/*.py", "book/bench.json"),
+}
+NO_PAGE_RUNS = {"__pycache__", "grading"}
 
 
 def mirror_labs(app, config):
@@ -34,15 +42,21 @@ def mirror_labs(app, config):
             shutil.copyfile(path, mirror / name)
 
 
-def fingerprint(root):
-    """One hash of everything that a page's output depends on beside its own cells."""
+def fingerprint(root, patterns, but=frozenset()):
+    """One hash of files; of those in a folder, or with a stem, that `but` names, nothing counts."""
     digest = hashlib.sha256()
-    for pattern in RUNS_DEPEND_ON:
+    for pattern in patterns:
         for path in sorted(root.glob(pattern)):
-            if path.is_file() and not {"__pycache__", "grading"} & {*path.parts, path.stem}:  # no page's
+            if path.is_file() and not (NO_PAGE_RUNS | but) & {*path.relative_to(root).parts, path.stem}:
                 content = hashlib.sha256(path.read_bytes()).hexdigest()
                 digest.update(f"{path.relative_to(root).as_posix()} {content}\n".encode())
     return digest.hexdigest()
+
+
+def fingerprints(root):
+    """What the output of a page depends on beside its own cells: of every page "", of some by their word."""
+    some = {word: fingerprint(root, patterns) for word, patterns in SOME_RUNS_DEPEND_ON.items()}
+    return {"": fingerprint(root, EVERY_RUN_DEPENDS_ON, but=set(some)), **some}
 
 
 def drop_old_runs(app, config):
@@ -51,12 +65,23 @@ def drop_old_runs(app, config):
 
 
 def forget_old_runs(runs, root):
-    """Empty the execution cache `runs` if what its runs depend on has changed, and note what that is now."""
-    stamp, current = runs.with_name("runs_depend_on"), fingerprint(root)
-    if not stamp.exists() or stamp.read_text() != current:
+    """Drop from the execution cache `runs` the pages that what they depend on has outdated, and note it."""
+    stamp, current = runs.with_name("runs_depend_on"), fingerprints(root)
+    try:
+        before = json.loads(stamp.read_text())
+    except (OSError, ValueError):
+        before = {}
+    changed = {word for word, value in current.items() if before.get(word) != value}
+    if "" in changed:
         shutil.rmtree(runs, ignore_errors=True)
+    elif changed and runs.exists():
+        cache = get_cache(runs)
+        for record in cache.list_cache_records():
+            cells = " ".join(cell.source for cell in cache.get_cache_bundle(record.pk).nb.cells)
+            if any(word in cells for word in changed):
+                cache.remove_cache(record.pk)
     runs.parent.mkdir(parents=True, exist_ok=True)
-    stamp.write_text(current)
+    stamp.write_text(json.dumps(current))
 
 
 def bring_mathjax(app, exception):
