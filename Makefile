@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env book instructor-book test labs grade release mutations bench bench-grading peers lint lock clean
+.PHONY: help env book instructor-book test labs grade release mutations replications bench bench-grading peers lint lock clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -18,6 +18,9 @@ WORKERS ?= 2
 export SOURCE_DATE_EPOCH ?= 1767225600
 export PYTHONHASHSEED ?= 0
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Pages and tests run as many at a time as there are cores: threads of BLAS would only be in their way.
+book instructor-book test replications: export OPENBLAS_NUM_THREADS ?= 1
+book instructor-book test replications: export OMP_NUM_THREADS ?= 1
 export JUPYTER_PLATFORM_DIRS := 1
 # The book chooses its own backend, and an environment elsewhere must not leak into this one.
 unexport MPLBACKEND PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -74,6 +77,10 @@ mutations: $(ENV) ## apply every seeded defect to a copy of the package and see 
 bench: $(ENV) ## measure run times and memory on this machine: a table, and book/bench.json (some minutes)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NPROC=1 \
 	  $$([ -x $(PEERS)/bin/python ] && echo $(PEERS)/bin/python || echo $(BIN)/python) tests/bench/measure.py
+
+# Every table and claim of the documents again, with all runs: what the ledger in the book shows.
+replications: $(ENV) ## do every replication in full and write book/replications.json (about half an hour)
+	$(BIN)/python -m pendulab.replications --full --json book/replications.json
 
 bench-grading: $(ENV) ## grade a class of 1,000, and some of it with nbgrader: notebooks a minute, memory (some minutes)
 	$(BIN)/python tests/bench/grading.py

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from ledger import reduced, stale
 
 from pendulab import (
     FilterDiverged,
@@ -224,3 +225,153 @@ def test_points_of_the_slides_serve_the_right_filter_alone_and_among_many():
 def test_update_needs_the_points_of_its_own_prediction():
     with pytest.raises(TypeError, match="needs the points of its own predict"):
         ukfslides.update(PRIOR, np.array([1.0]), SENSOR)
+
+
+# ------------------------------------------------------------------------------------- units, orders, claims
+
+
+def linear(unit):
+    return ukfslides.linear_harm("listing", 0.1, 10.0, unit=unit)
+
+
+def test_listing_depends_on_the_units_of_the_states_and_the_right_filter_does_not():
+    """Γ of D P D is not D Γ. The same step in other units gives another gain by step 11, not by `ukf`."""
+    prior = Gaussian([0.0, 0.0], [[1.0, 0.3], [0.3, 0.5]])
+    milli = ukfslides.slide_points(units=(1.0, 1000.0))
+    for method, same in ((ukf, True), (ukfslides, False)):
+        gain = one_step(method, prior=prior, points=ROOTS["symmetric"]).gain
+        assert np.allclose(one_step(method, prior=prior, points=milli).gain, gain, rtol=1e-6) is same
+
+
+def test_units_are_what_the_listing_would_have_been_fed():
+    """The same as the plain listing with states, model, sensor and Q written in those units."""
+    D = np.diag([1.0, 50.0])
+    back = np.linalg.inv(D)
+    prior = Gaussian([0.0, 0.0], [[1.0, 0.3], [0.3, 0.5]])
+    plain = one_step(
+        ukfslides,
+        prior=Gaussian([0.0, 0.0], D @ prior.cov @ D),
+        model=LinearModel(D @ MODEL.F @ back),
+        sensor=sensors.linear(SENSOR.H @ back, SENSOR.R),
+        Q=D @ Q @ D,
+        points=ROOTS["symmetric"],
+    )
+    units = one_step(ukfslides, prior=prior, points=ukfslides.slide_points(units=(1.0, 50.0)))
+    np.testing.assert_allclose(back @ plain.gain, units.gain, rtol=1e-10)
+
+
+def test_order_of_the_states_does_not_matter_to_the_slides_root():
+    swap, prior = np.eye(2)[::-1], Gaussian([0.0, 0.0], [[1.0, 0.3], [0.3, 0.5]])
+    other = one_step(
+        ukfslides,
+        prior=Gaussian([0.0, 0.0], swap @ prior.cov @ swap),
+        model=LinearModel(swap @ MODEL.F @ swap),
+        sensor=sensors.linear(SENSOR.H @ swap, SENSOR.R),
+        Q=swap @ Q @ swap,
+        points=ROOTS["symmetric"],
+    )
+    gain = one_step(ukfslides, prior=prior, points=ROOTS["symmetric"]).gain
+    np.testing.assert_allclose(swap @ other.gain, gain, rtol=1e-12)
+
+
+def test_units_lead_from_one_order_of_cholesky_to_the_other():
+    for unit, order in ((1e-6, "Cholesky"), (1e6, "Cholesky, velocity first")):
+        near, limit = linear(unit), ukfslides.linear_harm(order, 0.1, 10.0)
+        np.testing.assert_allclose(near["nees"], limit["nees"], rtol=1e-3)
+        np.testing.assert_allclose(near["gain"][1:], limit["gain"][1:], rtol=1e-3)
+
+
+def test_mixed_points_are_the_kalman_filter_where_the_moved_factor_stays_triangular():
+    """Q = 0 and the velocity first: F Γ is Cholesky's factor of P⁻. With Q it is not."""
+    for dt in (0.1, 1.0):
+        found = ukfslides.linear_harm("Cholesky, velocity first", dt, 10.0)
+        np.testing.assert_allclose(found["gain"], found["right"], rtol=1e-9)
+        windy = ukfslides.linear_harm("Cholesky, velocity first", dt, 10.0, 1.0)
+        assert np.abs(windy["gain"] / windy["right"] - 1).max() > 1e-3
+
+
+def test_exact_nees_is_that_of_many_runs():
+    prior, dt = Gaussian([0.0, 0.0], [1.0, 1.0]), 1.0
+    model, radar = LinearModel([[1.0, dt], [0.0, 1.0]]), sensors.linear([[1.0, 0.0]], 1.0)
+    truth, z = simulate(model, radar, prior, 60, 0.0, stream("ukfslides/exact"), runs=4000)
+    seen = track(prior, model, radar, z, 0.0, method=ukfslides, points=ROOTS["symmetric"])
+    exact = ukfslides.linear_harm("listing", dt, 1.0)["nees"]
+    nees = consistency.nees(seen.mean, seen.cov, truth)
+    error = nees.std(axis=0, ddof=1) / np.sqrt(len(nees))
+    assert np.all(np.abs(nees.mean(axis=0) - exact) < 5 * error)  # 60 steps: alarms once in 30,000
+
+
+def records(item):
+    return [r for r in reduced("ukfslides") if r.item.startswith(item)]
+
+
+def test_step_eleven_is_the_only_step_whose_numbers_are_wrong_from_right_ones():
+    """Steps 1 to 10 are those of the package's filter; 11 and what hangs on it are not."""
+    found = {int(r.item[5:]): r.ours for r in records("step ")}
+    assert sorted(found) == list(range(1, 15))
+    assert all(found[k] < 1e-9 for k in range(1, 11)) and all(found[k] > 1e-3 for k in range(11, 15))
+
+
+def test_steps_as_code_are_the_replica():
+    model, radar = ukfslides.polar(0.2)
+    belief, z, Q5 = ukfslides.prior(), np.array([8.0, 18.5]), ukfslides.gust_noise(0.5, 0.2)
+    points = ukfslides.slide_points()
+    s = ukfslides.fourteen_steps(belief, z, model, radar, Q5, points)
+    done = ukfslides.update(ukfslides.predict(belief, model, Q5, points=points), z, radar, points=points)
+    np.testing.assert_allclose(s[13], done.posterior.mean, rtol=1e-10)
+    np.testing.assert_allclose(s[14], done.posterior.cov, rtol=1e-7, atol=1e-14)
+    right = ukf.update(ukf.predict(belief, model, Q5, points=points), z, radar, points=points)
+    np.testing.assert_allclose(np.linalg.solve(s[10], s["11 right"].T).T, right.gain, rtol=1e-9, atol=1e-12)
+
+
+def test_flight_verdicts():
+    """Consistent ways are right on every flight, mixed ones on none; tiny units repair them without Q."""
+    right = ("redrawn", "propagated", "listing, tiny")
+    for r in records("flight: NEES"):
+        assert r.verdict == ("holds" if r.setting.startswith(right) else "does not hold"), r
+    for item, verdict in {
+        "finding: tiny units": "holds",
+        "finding: degrees": "holds",
+        "finding: the units": "holds",
+        "finding: the order": "holds only under conditions",
+        "finding: the velocity is not": "does not hold",
+        "finding: the gain": "holds only under conditions",
+        "claim: the filter estimates": "holds only under conditions",
+        "claim: since there is no input": "holds only under conditions",
+        "claim: the simulation stops": "holds only under conditions",
+        "claim: dθ/dt": "holds only under conditions",
+        "claim: matrix_sqrt": "holds only under conditions",
+        "claim: step 11": "holds only under conditions",
+        "claim: weight.m": "holds",
+        "claim: step 9": "does not hold",
+        "a ball that lies": "does not hold",
+    }.items():
+        assert {r.verdict for r in records(item)} == {verdict}, item
+
+
+def test_a_filter_with_the_other_reading_finds_g_times_or_a_gth_of_k():
+    wide = [
+        r for r in records("two readings") if "found" in r.quantity and "prior of k ± 0.3" not in r.setting
+    ]
+    for r, factor in zip(wide, (9.81, 1 / 9.81), strict=True):
+        assert abs(r.ours / factor - 1) < 0.005
+
+
+def test_the_event_lies_between_the_last_two_rows_and_a_steeper_step_is_later():
+    found = ukfslides.landings(60)
+    assert np.all((found["late"] > 0) & (found["late"] < ukfslides.DT)) and np.all(found["depth"] > 0)
+
+
+def test_straight_up_the_polar_ball_gains_energy_at_any_step_and_the_cartesian_one_loses_it():
+    for dt in (0.05, 0.005):
+        _, polar_speed, _, speed = ukfslides.straight_up(dt)
+        assert polar_speed > 60 > 45 > speed
+
+
+def test_every_replication_gives_unique_records():
+    keys = [r.key for r in reduced("ukfslides")]
+    assert len(set(keys)) == len(keys) > 100
+
+
+def test_the_ledger_in_the_book_is_what_the_code_gives():
+    assert stale("ukfslides") == []

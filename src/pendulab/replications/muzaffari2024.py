@@ -27,6 +27,7 @@ from ..linalg import Array, matvec, sandwich, semidefinite_factors, symmetrised
 from ..sigma_points import scaled
 from ..track import track
 from . import ukfslides
+from .records import standardised as standardised
 
 # ------------------------------------------------------------------------------------------- what is printed
 
@@ -357,13 +358,3 @@ def table(reading: Reading, runs: int, rng: np.random.Generator, levels: Array =
             squares = squares + np.sum((states[now] - piece.mean) ** 2, axis=-2)
         found[:, i] = np.sqrt(squares / len(states))
     return found
-
-
-def standardised(found: Array, printed: Array) -> Array:
-    """(printed − mean)/s of a table (runs, levels, 4) against a printed one (levels, 4), which is one run.
-
-    s is the standard error of such a difference, the spread of single runs times √(1 + 1/runs). If the
-    reading is the report's, these are draws of about mean 0 and variance 1.
-    """
-    spread = found.std(axis=0, ddof=1) * np.sqrt(1 + 1 / len(found))
-    return (printed - found.mean(axis=0)) / spread
