@@ -214,13 +214,18 @@ def claims_about_accuracy(profile: Profile) -> list[Record]:
     """UKF against EKF: as the tables say, as an honest comparison says, and where it would be true."""
     found, runs = [], profile.runs(full=400, reduced=100)
     claim = "claim: the UKF has a lower RMSE for all states than the EKF"
-    factor = report.TABLE_1 / report.TABLE_2
+    of_ekf, of_ukf = (
+        runs_of(name, runs, 1, "same data")[0][:, 0] for name in ("EKF: listing", "UKF: one in twenty")
+    )
+    least = np.argmin(of_ukf.mean(axis=0) / of_ekf.mean(axis=0))
+    ratio = of_ukf[:, least] / of_ekf[:, least].mean()
     found.append(
         _record(
-            *(claim, "Tables 1 and 2 as printed", "smallest factor between their cells", "1", factor.min()),
-            HOLDS if factor.min() > 1 else FAILS,
-            "The tables say so; but Table 1 was made from one sample in twenty, by a filter whose clock "
-            "counts each of them, and Table 2 from all samples.",
+            *(claim, "both listings on the data of Table 1, noise 0.01"),
+            *("RMSE of the UKF over the EKF's, smallest of the states", "1", ratio),
+            FAILS if sure(ratio).low > 1 else HOLDS,
+            "The two tables compare data: Table 1 was made from one sample in twenty, by a filter whose "
+            "clock counts each of them, Table 2 from all samples. On the same data the order turns round.",
         )
     )
     for setting, how in CURVED.items():
